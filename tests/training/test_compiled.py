@@ -17,17 +17,17 @@ pytest.importorskip("torch")
 import torch
 
 from sprintlab.training.environment.episodes import Ends
-from sprintlab.training.environment.rewards import aggregate
+from sprintlab.training.environment.reward_sum import aggregate
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import method_settings
+from sprintlab.training.reward_tables import hound_rewards, paper_rewards
 from sprintlab.training.settings import (
-    AGGREGATIONS,
+    REWARD_SUMS,
     PpoSettings,
-    RewardWeight,
     SimulationSettings,
     StridePrior,
     TrainingSettings,
@@ -53,20 +53,18 @@ def test_the_step_after_physics_is_one_piece() -> None:
     """With every reward that there is, ``stride-prior``'s among them. The motor is no part of it."""
     strides = Path(__file__).parents[2] / "studies" / "paper" / "strides.npz"
     settings = method_settings("stride-prior", replace(SETTINGS, prior=StridePrior(file=str(strides))))
-    weight = RewardWeight(first=-0.1, second=-0.1)
-    every = dict.fromkeys(settings.rewards.penalties(), weight)
-    environment = SprintEnvironment(replace(settings, rewards=replace(settings.rewards, **every)), "cpu")
+    tables = {**hound_rewards(), **{f"{name}_": each for name, each in paper_rewards().items()}}
+    environment = SprintEnvironment(replace(settings, reward={**tables, **settings.reward}), "cpu")
     before = environment.episode_length_buf.clone()
     environment.engine.step()
     traced(environment._transition)()
     assert torch.equal(environment.episode_length_buf, before + 1)
 
 
-@pytest.mark.parametrize("aggregation", AGGREGATIONS)
-def test_adding_up_rewards_is_one_piece(aggregation: str) -> None:
-    rewards = replace(SETTINGS.rewards, aggregation=aggregation)
+@pytest.mark.parametrize("how", REWARD_SUMS)
+def test_adding_up_rewards_is_one_piece(how: str) -> None:
     both = torch.tensor([1.0, 0.5]), torch.tensor([-0.1, -2.0])
-    torch.testing.assert_close(traced(aggregate)(*both, rewards), aggregate(*both, rewards))
+    torch.testing.assert_close(traced(aggregate)(*both, how), aggregate(*both, how))
 
 
 @pytest.mark.parametrize(

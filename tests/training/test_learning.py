@@ -214,9 +214,8 @@ def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypat
     )  # fmt: skip
     train(options)
     begun = (tmp_path / "run.toml").read_text()
-    train(replace(options, iterations=2, seed=9, resume=True))
-    assert (tmp_path / "run.toml").read_text().startswith(begun.rstrip())
-    assert (tmp_path / "run.toml").read_text().endswith("# changed: iterations = 2\n")
+    train(replace(options, iterations=2, resume=True))
+    assert (tmp_path / "run.toml").read_text() == begun
     assert [call["project"] for call in calls] == ["running"] * 2
     assert calls[0]["sync_tensorboard"] is True
     assert calls[0]["id"] == calls[1]["id"]

@@ -9,8 +9,9 @@ pytest.importorskip("rsl_rl")
 
 from sprintlab.commands import initial_state
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.training.methods import LITERAL_ACS, METHODS, method_settings, paper_rewards, preset_settings
-from sprintlab.training.settings import PpoSettings, RewardSettings, RewardWeight, TrainingSettings
+from sprintlab.training.methods import LITERAL_ACS, METHODS, method_settings, preset_settings
+from sprintlab.training.reward_tables import paper_rewards
+from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 BASE = TrainingSettings(ppo=PpoSettings(steps=7), seed=11)
 
@@ -46,7 +47,7 @@ def test_neighbours_are_one_switch_apart(name: str, other: str, switch: str) -> 
 def test_a_method_keeps_the_rest_of_its_base(name: str) -> None:
     settings = method_settings(name, BASE)
     assert settings.method == name
-    assert (settings.ppo, settings.seed, settings.rewards) == (BASE.ppo, 11, BASE.rewards)
+    assert (settings.ppo, settings.seed, settings.reward) == (BASE.ppo, 11, BASE.reward)
 
 
 def test_every_method_has_its_own_digest() -> None:
@@ -59,26 +60,24 @@ def test_an_unknown_method_is_refused_by_name() -> None:
 
 
 PRINTED = {
-    "vertical_velocity": (-2.0, -2.0), "joint_power": (-1e-6, -1e-6), "action_rate": (-0.01, -0.01),
-    "smoothness": (-0.005, -0.005), "joint_limit": (-10.0, -10.0), "roll_pitch_rate": (-0.02, -0.5),
-    "orientation": (-5.0, -100.0), "base_height": (-10.0, -20.0), "joint_acceleration": (-2.5e-7, -1e-7),
-    "abduction": (-1.0, 0.0), "collision": (-1.0, 0.0), "foot_slip": (0.0, -0.01), "yaw_rate": (0.0, -0.5),
+    "linear_tracking": (1.0, 1.0), "angular_tracking": (0.5, 0.5), "vertical_velocity": (-2.0, -2.0),
+    "joint_power": (-1e-6, -1e-6), "action_rate": (-0.01, -0.01), "smoothness": (-0.005, -0.005),
+    "joint_limit": (-10.0, -10.0), "roll_pitch_rate": (-0.02, -0.5), "orientation": (-5.0, -100.0),
+    "base_height": (-10.0, -20.0), "joint_acceleration": (-2.5e-7, -1e-7), "abduction": (-1.0, 0.0),
+    "collision": (-1.0, 0.0), "foot_slip": (0.0, -0.01), "yaw_rate": (0.0, -0.5),
     "foot_clearance": (-0.2, 0.0), "abduction_mirror": (0.0, -0.5),
 }  # fmt: skip
-"""The paper's Table I, penalties: stage I and stage II, zero where it prints N/A."""
+"""The paper's Table I: stage I and stage II, zero where it prints N/A."""
 
 
 def test_the_papers_rewards_are_those_of_its_table_and_no_others() -> None:
-    rewards = paper_rewards()
-    assert (rewards.linear_tracking, rewards.angular_tracking, rewards.progress) == (1.0, 0.5, 0.0)
-    weights = {name: (weight.first, weight.second) for name, weight in rewards.penalties().items()}
-    assert {name: pair for name, pair in weights.items() if pair != (0.0, 0.0)} == PRINTED
+    assert {name: each.weights for name, each in paper_rewards().items()} == PRINTED
 
 
 def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_method() -> None:
     for name in METHODS:
         settings = method_settings(name, preset_settings("paper"))
-        assert settings.rewards == paper_rewards() and settings.ppo.low_noise_fraction == 0.0
+        assert settings.reward == paper_rewards() and settings.ppo.low_noise_fraction == 0.0
         assert settings.constraints is None and not settings.ppo.symmetric
         assert settings.stages.record_margin is None
         assert settings.episodes.clone_share == settings.episodes.fast_start_share == 0.0
@@ -86,10 +85,7 @@ def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_
     assert preset_settings("sprintlab", BASE) == BASE
 
 
-def test_a_preset_that_decides_the_rewards_refuses_others() -> None:
-    changed_rewards = RewardSettings(orientation=RewardWeight(first=-1.0, second=-1.0))
-    with pytest.raises(InvalidValueError, match=r"settings\.rewards"):
-        preset_settings("paper", TrainingSettings(rewards=changed_rewards))
+def test_an_unknown_preset_is_refused() -> None:
     with pytest.raises(InvalidValueError, match=r"preset.*sprintlab.*paper"):
         preset_settings("table")
 

@@ -26,8 +26,7 @@ if not hasattr(os, "fork"):
 
 import torch
 
-from sprintlab.cli.main import main
-from sprintlab.cli.train import parse_training
+from sprintlab.cli.main import main, parse
 from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.runs.checkpoint import read_checkpoint
@@ -41,9 +40,9 @@ TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,), std_anneal=N
 STAGES = StageSettings(steady_share=1.0)  # the same phase, wherever a session ends
 SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY, stages=STAGES)
 FLAGS = (
-    "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
-    "--ppo.steps", "2", "--ppo.epochs", "1", "--ppo.mini-batches", "2",
-    "--ppo.hidden", "16", "--no-tensorboard",
+    "train", "bp2", "--set", "simulation.environments=16", "--device", "cpu", "--save-seconds", "0",
+    "--set", "ppo.steps=2", "--set", "ppo.epochs=1", "--set", "ppo.mini_batches=2",
+    "--set", "ppo.hidden=[16]", "--plain",
 )  # fmt: skip
 TIMING = ("seconds", "steps_per_second")
 
@@ -55,7 +54,7 @@ def warm() -> None:
     The first reading of the options takes five times as long as every later one.
     """
     torch.set_num_threads(1)
-    parse_training(FLAGS[1:])
+    parse(FLAGS)
     Runner(SETTINGS, "cpu", "warm").environment.advance()
     import_module("torch.onnx.ops")  # what an export imports
 

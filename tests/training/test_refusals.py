@@ -19,7 +19,6 @@ from sprintlab.training.runs.options import check_places
 from sprintlab.training.runs.run import TrainOptions, open_run, train
 from sprintlab.training.settings import (
     RandomizationSettings,
-    RewardWeight,
     TrainingSettings,
 )
 
@@ -27,20 +26,19 @@ from sprintlab.training.settings import (
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nosuch"], "method = 'nosuch'"),
-        (["sprint", "--seed", "-1"], "seed = -1"),
-        (["sprint", "--save-seconds", "nan"], "save_seconds = nan"),
-        (["sprint", "--save-seconds", "-1"], "save_seconds = -1.0"),
-        (["sprint", "--device", "gpu7"], "device = 'gpu7' is not allowed: choose one of auto, cpu"),
-        (["sprint", "--device", "cuda:99"], "cuda:99"),
-        (["sprint", "--settings.seed", "3"], "use --seed"),
-        (["sprint", "--simulation.environments", "3"], "use --environments"),
-        (["sprint", "--settings.method=baseline"], "use --method"),
-        (["sprint", "--resume"], "there is nothing to resume"),
+        (["--method", "nosuch"], "method = 'nosuch'"),
+        (["--seed", "-1"], "seed = -1"),
+        (["--save-seconds", "nan"], "save_seconds = nan"),
+        (["--save-seconds", "-1"], "save_seconds = -1.0"),
+        (["--device", "gpu7"], "device = 'gpu7' is not allowed: choose one of auto, cpu"),
+        (["--device", "cuda:99"], "cuda:99"),
+        (["--set", "ppo.stepps=3"], "did you mean ppo.steps?"),
+        (["--settings", "nowhere.toml"], "cannot read settings nowhere.toml"),
+        (["--resume"], "there is nothing to resume"),
     ],
 )
 def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
-    assert main(["train", *arguments, "--output", str(tmp_path / "run")]) == 2
+    assert main(["train", "bp2", *arguments, "--output", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].startswith("sprintlab: ") and words in said[-1]
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
@@ -94,42 +92,6 @@ def test_a_strangers_folder_does_not_say_where_curves_are_sent(folder, tmp_path,
         check_places(TrainOptions(output=tmp_path / "run", device="cpu", wandb="speed"))
 
 
-@pytest.mark.parametrize("change", [{"robot": 5}, {"robot": None}, {"method": [1]}, {"method": None}])
-def test_settings_with_a_name_that_is_none_are_refused(change):
-    """As a checkpoint of a stranger may hold them."""
-    with pytest.raises(InvalidValueError, match="text"):
-        TrainingSettings(**change)
-
-
-@pytest.mark.parametrize(
-    ("part", "change"),
-    [
-        ("ppo", {"epochs": 5.5}),
-        ("ppo", {"mini_batches": 4.5}),
-        ("ppo", {"entropy": "much"}),
-        ("ppo", {"value_weight": None}),
-        ("rewards", {"shortest_stride": [1.5]}),
-        ("rewards", {"progress": float("nan")}),
-        ("rewards", {"yaw_rate": RewardWeight(first=0.0, second="x")}),
-        ("stages", {"steady_share": "0.4"}),
-        ("simulation", {"knee_spring": 1.0}),
-        ("ppo", {"clip": 1e300}),
-        ("randomization", {"slope": 1e39}),
-    ],
-    ids=str,
-)
-def test_a_setting_of_another_kind_or_size_is_refused_before_the_first_iteration(part, change):
-    """A checkpoint of a stranger that held one ended ``train --resume`` in a traceback."""
-    with pytest.raises(InvalidValueError, match=rf"{next(iter(change))}\S* = .* is not allowed"):
-        TrainingSettings(**{part: replace(getattr(TrainingSettings(), part), **change)})
-
-
-@pytest.mark.parametrize("seed", [None, "1", 0.5, np.zeros(3)])
-def test_a_seed_that_is_no_whole_number_is_refused(seed):
-    with pytest.raises(InvalidValueError, match="a whole number"):
-        TrainingSettings(seed=seed)
-
-
 @pytest.mark.parametrize("name", ["friction", "drag_area", "payload", "delay", "foot_stiffness"])
 def test_what_is_drawn_has_an_upper_bound(name):
     with pytest.raises(InvalidValueError, match=name):
@@ -138,7 +100,7 @@ def test_what_is_drawn_has_an_upper_bound(name):
 
 @pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")
 def test_a_missing_tracker_is_told_before_anything_is_prepared(tmp_path, capsys):
-    assert main(["train", "sprint", "--wandb", "runs", "--output", str(tmp_path / "run")]) == 2
+    assert main(["train", "bp2", "--wandb", "runs", "--output", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err.strip().endswith("pip install 'sprintlab[wandb]'")
     assert not (tmp_path / "run").exists()
 
@@ -157,15 +119,7 @@ def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, mon
         raise SprintlabError("No space left on device")
 
     monkeypatch.setattr("sprintlab.training.runs.checkpoint.atomic_write_bytes", full)
-    few = [
-        "--environments",
-        "2",
-        "--iterations",
-        "1",
-        "--device",
-        "cpu",
-        "--no-tensorboard",
-    ]
-    assert main(["train", "sprint", *few, "--output", str(tmp_path)]) == 2
+    few = ["--set", "simulation.environments=2", "--iterations", "1", "--device", "cpu", "--plain"]
+    assert main(["train", "bp2", *few, "--output", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "stopped at iteration 1" in said and "there is no checkpoint yet" in said

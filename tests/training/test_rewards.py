@@ -11,21 +11,17 @@ pytest.importorskip("torch")
 
 import torch
 
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.training.environment import rewards
 from sprintlab.training.environment.kinematics import BodyState
-from sprintlab.training.environment.rewards import (
-    PENALTIES,
-    Loads,
-    RewardInput,
-    aggregate,
-    fine_tracking,
-    penalties,
-    penalty_terms,
-    rewarded,
-    tracking,
-)
-from sprintlab.training.settings import RewardSettings
+from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
+from sprintlab.training.environment.rewards import Loads, RewardInput
+from sprintlab.training.reward_tables import default_rewards
+from sprintlab.training.terms import RewardTerm, term
 
-SETTINGS = RewardSettings()
+TABLE = default_rewards()
+OTHERS = {"leg_distance": {"distance": 0.04}}
+"""Parameters of terms that the default table does not have."""
 WIDTHS = {
     "gravity": 3, "angular_velocity": 3, "velocity": 3, "joint_position": 12, "joint_velocity": 12,
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
@@ -68,8 +64,8 @@ def row(*values: float) -> torch.Tensor:
     return torch.tensor([values], dtype=torch.float32)
 
 
-def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
-    assert set(SETTINGS.penalties()) == set(PENALTIES)
+def value(each: RewardTerm, inputs: RewardInput) -> float:
+    return RewardTerms({"it": each}, "cpu").values(inputs).item()
 
 
 @pytest.mark.parametrize(
@@ -121,11 +117,8 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
     ],
 )
 def test_a_penalty_has_its_value(name: str, inputs: RewardInput, expected: float) -> None:
-    assert PENALTIES[name](inputs, SETTINGS).tolist() == pytest.approx([expected], rel=1e-5)
-    column = list(SETTINGS.penalties()).index(name)
-    assert penalties(inputs, SETTINGS, penalty_terms(SETTINGS))[0, column].item() == pytest.approx(
-        expected, rel=1e-5
-    )
+    each = TABLE[name] if name in TABLE else term(getattr(rewards, name), -1.0, **OTHERS.get(name, {}))
+    assert value(each, inputs) == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
@@ -133,68 +126,89 @@ def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
     lean = 4.0 / math.hypot(4.0, 9.81)
     for sideways, expected in ((lean, 0.0), (0.5 * lean, 0.0), (-0.1, 0.01), (lean + 0.1, 0.01)):
         inputs = still(gravity=row(0.0, sideways, -0.9))._replace(**turning)
-        assert PENALTIES["orientation"](inputs, SETTINGS).item() == pytest.approx(expected, abs=1e-6)
-        bare = replace(SETTINGS, bare_squares=True)
-        assert PENALTIES["orientation"](inputs, bare).item() == pytest.approx(sideways**2, abs=1e-6)
+        assert value(TABLE["orientation"], inputs) == pytest.approx(expected, abs=1e-6)
+        assert rewards.tilt(inputs).item() == pytest.approx(sideways**2, abs=1e-6)
 
 
 def test_fine_tracking_has_a_slope_everywhere() -> None:
     inputs = still()._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
     inputs = inputs._replace(command=row(10, 0, 0))
-    held, turn = fine_tracking(inputs, SETTINGS)
-    assert held.item() == pytest.approx(math.exp(-9.0 / (0.5 + 0.05 * 10.0)))
-    assert turn.item() == pytest.approx(0.5 * (math.exp(-0.2 / 0.1) + math.exp(-0.2 / 0.4)))
+    assert value(TABLE["speed_held"], inputs) == pytest.approx(math.exp(-9.0 / (0.5 + 0.05 * 10.0)))
+    turn = 0.5 * (math.exp(-0.2 / 0.1) + math.exp(-0.2 / 0.4))
+    assert value(TABLE["yaw_rate_held"], inputs) == pytest.approx(turn)
 
 
 @pytest.mark.parametrize("tied", [True, False])
-def test_everything_paid_is_tied_to_the_speed_held(tied: bool) -> None:
+def test_what_is_tied_is_paid_by_how_well_the_speed_is_held(tied: bool) -> None:
     """Also progress and turning, which a robot that dawdles could earn as well."""
-    settings = replace(SETTINGS, tied=tied)
+    table = {name: replace(each, tied=each.tied and tied) for name, each in TABLE.items()}
     running = still(velocity=row(9, 0, 0))._replace(
         command=row(10, 0, 0.1), running_speed=torch.tensor([9.0]), target_speed=torch.tensor([10.0])
     )
     held = math.exp(-1.0)
     turn = 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
     others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9 + 3.5 * turn
-    paid, _, _ = rewarded(running, settings)
-    assert paid.item() == pytest.approx(4.0 * held + (held if tied else 1.0) * others, rel=1e-5)
+    earned = RewardTerms(table, "cpu").earned(running)
+    assert earned.paid.item() == pytest.approx(4.0 * held + (held if tied else 1.0) * others, rel=1e-5)
+    assert (earned.paid + earned.penalties).item() == pytest.approx(earned.parts.sum().item(), rel=1e-5)
 
 
 def test_drift_to_either_side_costs_its_speed() -> None:
     for side in (-0.3, 0.0, 0.3):
         inputs = still()._replace(running_side_speed=torch.tensor([side]))
-        assert PENALTIES["sideways_drift"](inputs, SETTINGS).item() == pytest.approx(abs(side))
+        assert rewards.sideways_drift(inputs).item() == pytest.approx(abs(side))
         turning = inputs._replace(command=torch.tensor([[8.0, 0.0, 0.3]]))
-        assert PENALTIES["sideways_drift"](turning, SETTINGS).item() == 0.0
+        assert rewards.sideways_drift(turning).item() == 0.0
 
 
 def test_running_backward_on_command_is_progress() -> None:
-    inputs = still(velocity=row(-1.5, 0, 0))
-    backward = inputs._replace(target_speed=torch.tensor([-3.0]))
-    assert tracking(backward._replace(command=row(-2, 0, 0)))[2].item() == pytest.approx(0.15)
-    assert tracking(backward._replace(command=row(2, 0, 0)))[2].item() == 0.0
+    backward = still(velocity=row(-1.5, 0, 0))._replace(target_speed=torch.tensor([-3.0]))
+    for command, earned in ((-2, 0.15), (2, 0.0)):
+        assert value(TABLE["progress"], backward._replace(command=row(command, 0, 0))) == pytest.approx(
+            earned
+        )
 
 
 def test_a_robot_asked_to_brake_earns_no_progress_by_running_on() -> None:
     running = still(velocity=row(8, 0, 0))._replace(command=row(7, 0, 0))
     for target, earned in ((9.0, 0.7), (7.0, 0.7), (3.0, 0.3), (0.0, 0.0), (-1.0, 0.0)):
         asked = running._replace(target_speed=torch.tensor([target]))
-        assert tracking(asked)[2].item() == pytest.approx(earned)
+        assert value(TABLE["progress"], asked) == pytest.approx(earned)
+
+
+def test_weights_blend_from_stage_to_stage() -> None:
+    terms = RewardTerms({"orientation": TABLE["orientation"], "progress": TABLE["progress"]}, "cpu")
+    for share, weight in ((0.0, -5.0), (0.25, -28.75), (1.0, -100.0)):
+        terms.set_stage(share)
+        assert terms.weights.tolist() == [weight, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"weight": (-1.0, 2.0)}, "one sign"),
+        ({"weight": -1.0, "tied": True}, "positive where the term is tied"),
+        ({"weight": 1.0, "height": 2.0}, r"parameters\.height = 2\.0 .* progress has speed"),
+    ],
+)
+def test_a_term_that_makes_no_sense_is_refused(arguments, words) -> None:
+    with pytest.raises(InvalidValueError, match=words):
+        term(rewards.progress, **{"speed": 10.0, **arguments})
+    with pytest.raises(InvalidValueError, match=r"parameters\.speed = None .* needs it"):
+        term(rewards.progress, 1.0)
 
 
 def test_penalties_of_a_broken_robot_are_finite() -> None:
     inputs = still(velocity=row(0, 0, math.nan), angular_velocity=row(math.inf, 0, 0))
-    broken = penalties(inputs, SETTINGS, penalty_terms(SETTINGS))
-    assert torch.isfinite(broken).all()
+    assert torch.isfinite(RewardTerms(TABLE, "cpu").values(inputs)).all()
 
 
 def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
     inputs = still(velocity=row(3, 1, 0), angular_velocity=row(0, 0, 2))
-    on_command = inputs._replace(command=row(3, 1, 2))
-    assert [term.item() for term in tracking(on_command)] == pytest.approx([1.0, 1.0, 0.3])
-    off = tracking(inputs._replace(command=row(2, 0, 1)))
-    assert [term.item() for term in off] == pytest.approx([math.exp(-2), math.exp(-1), 0.2])
-    assert tracking(inputs._replace(command=row(2, 0, 1)), 1.5)[1].item() == pytest.approx(math.exp(-1.5))
+    for command, linear, sharp in ((row(3, 1, 2), 1.0, 1.0), (row(2, 0, 1), math.exp(-2), math.exp(-1.5))):
+        asked = inputs._replace(command=command)
+        assert rewards.linear_tracking(asked).item() == pytest.approx(linear)
+        assert rewards.angular_tracking(asked, sharpness=1.5).item() == pytest.approx(sharp)
 
 
 @pytest.mark.parametrize(
@@ -206,16 +220,14 @@ def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
     ],
 )
 def test_aggregation(mode: str, expected: list[float]) -> None:
-    settings = replace(SETTINGS, aggregation=mode, penalty_scale=0.5)
-    rate = aggregate(torch.full((2,), 1.5), torch.tensor([-1.0, -4.0]), settings)
+    rate = aggregate(torch.full((2,), 1.5), torch.tensor([-1.0, -4.0]), mode)
     assert rate.tolist() == pytest.approx(expected)
 
 
-def test_bare_squares_are_what_the_paper_prints() -> None:
-    bare = replace(SETTINGS, bare_squares=True)
+def test_the_papers_bare_squares_fight_turns_and_stances() -> None:
     turning = still(angular_velocity=row(0, 0, 3))._replace(command=row(0, 0, 1))
-    assert PENALTIES["yaw_rate"](turning, SETTINGS).item() == pytest.approx(4.0)
-    assert PENALTIES["yaw_rate"](turning, bare).item() == pytest.approx(9.0)
+    assert rewards.yaw_rate_error(turning).item() == pytest.approx(4.0)
+    assert rewards.yaw_rate(turning).item() == pytest.approx(9.0)
     high = still(foot_height=row(0.21, 0.11, 0.11, 0.11))
-    assert PENALTIES["foot_clearance"](high, SETTINGS).item() == 0.0
-    assert PENALTIES["foot_clearance"](high, bare).item() == pytest.approx(0.01)
+    assert rewards.swing_clearance(high, height=0.11).item() == 0.0
+    assert rewards.foot_clearance(high, height=0.11).item() == pytest.approx(0.01)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -19,12 +18,12 @@ import torch
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import Progress, read_checkpoint, write_checkpoint
+from sprintlab.training.runs.checkpoint import Progress, read_checkpoint
 from sprintlab.training.runs.export import actor_from_checkpoint, export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
-from sprintlab.training.runs.run_file import read_run_file
 from sprintlab.training.runs.runner import RunLength, Runner
-from sprintlab.training.settings import PpoSettings, RewardWeight, SimulationSettings, TrainingSettings
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.settings_text import read_settings
 
 SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=16),
@@ -107,33 +106,6 @@ def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
     torch.save({"weights": torch.zeros(3)}, tmp_path / "foreign.pt")
     with pytest.raises(SprintlabError, match="not a checkpoint"):
         read_checkpoint(tmp_path / "foreign.pt")
-
-
-def forged_settings(**parts: object) -> TrainingSettings:
-    """Settings that refuse these parts when they are made."""
-    settings = copy.copy(SETTINGS)
-    for name, part in parts.items():
-        object.__setattr__(settings, name, part)
-    return settings
-
-
-@pytest.mark.parametrize("forged", ["weight", "observation", "generator"])
-def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: Path, forged: str) -> None:
-    """Its checksum fits: what its values bring about is told in one sentence."""
-    state = read_checkpoint(checkpoint)
-    if forged == "weight":
-        weight: Any = "x"
-        rewards = replace(SETTINGS.rewards, abduction_mirror=RewardWeight(first=-1.0, second=weight))
-        state["settings"] = forged_settings(rewards=rewards)
-    elif forged == "observation":
-        state["settings"] = forged_settings(observation=(1, 2, 3))
-    else:
-        kind, (first, *rest), more = state["generators"]["python"]
-        state["generators"]["python"] = (kind, (-first - 1, *rest), more)
-    write_checkpoint(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(SprintlabError, match=r"not a checkpoint|does not fit") as refusal:
-        train(TrainOptions(output=tmp_path, device="cpu", resume=True))
-    assert "\n" not in str(refusal.value)
 
 
 def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) -> None:
@@ -225,10 +197,9 @@ def test_a_run_writes_file_and_policy(tmp_path: Path) -> None:
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
     options = {"environments": 16, "device": "cpu", "tensorboard": False, "iterations": 1}
     train(TrainOptions(output=tmp_path / "short", settings=short, **options))
-    again = read_run_file(tmp_path / "short" / "run.toml")
-    state = read_checkpoint(tmp_path / "short" / "checkpoint.pt")
-    assert again.full_settings() == state["settings"]
-    assert again.full_settings().digest() in (tmp_path / "short" / "run.toml").read_text()
+    again = read_settings(tmp_path / "short" / "run.toml", TrainingSettings())
+    assert again == read_checkpoint(tmp_path / "short" / "checkpoint.pt")["settings"]
+    assert again.digest() in (tmp_path / "short" / "run.toml").read_text()
     assert load_policy(tmp_path / "short" / "policy.onnx").contract.training.iterations == 1
 
 

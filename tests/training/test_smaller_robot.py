@@ -10,9 +10,9 @@ pytest.importorskip("torch")
 
 def test_sixteen_go1_stand_and_move_on_the_cpu():
     from sprintlab.training.environment.sprint import SprintEnvironment
-    from sprintlab.training.runs.options import TrainOptions
+    from sprintlab.training.methods import method
 
-    settings = TrainOptions(robot="go1").full_settings()
+    settings = method(robot="go1")
     settings = replace(settings, simulation=replace(settings.simulation, environments=16))
     environment = SprintEnvironment(settings, device="cpu")
     for _ in range(10):

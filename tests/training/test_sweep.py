@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,9 +19,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.motors import WindingHeat
-from sprintlab.training.methods import method_settings
-from sprintlab.training.runs.named_settings import override, parse_assignments
+from sprintlab.training.methods import method, method_settings
 from sprintlab.training.runs.sweep import (
     LocalCluster,
     RunStatus,
@@ -33,7 +32,7 @@ from sprintlab.training.runs.sweep import (
     work,
 )
 from sprintlab.training.runs.sweep_plan import RunPlan, parse_variations, plan_sweep
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings_text import parse_assignment, with_changes
 
 LIMITS = {"iterations": 3, "minutes": 5.0, "environments": 8, "device": "cpu", "save_seconds": 0.0}
 TINY = {"ppo.steps": 2, "ppo.epochs": 1, "ppo.mini_batches": 2, "ppo.hidden": [16]}
@@ -51,79 +50,17 @@ def test_every_combination_has_a_folder_and_settings_of_its_own(tmp_path: Path) 
     made = plans(tmp_path, ("sprint", "baseline"), varied=varied)
     assert len(made) == 16 == len({plan.folder for plan in made}) == len({plan.digest() for plan in made})
     assert made[0].folder == tmp_path / "ppo.discount=0.98,ppo.hidden=[16]" / "sprint" / "seed-0"
-    assert made[-1].base_settings().ppo.hidden == (32, 16)
-    assert made[-1].base_settings().ppo.steps == 2
+    assert made[-1].settings().ppo.hidden == (32, 16)
+    assert made[-1].settings().ppo.steps == 2
 
 
 def test_assignments_are_read_as_numbers_lists_and_words() -> None:
-    assert parse_assignments(["a.b=1e-3", "c=[1, 2]", "d=word"]) == {"a.b": 1e-3, "c": [1, 2], "d": "word"}
+    for text, value in (("a.b=1e-3", 1e-3), ("a.b=[1, 2]", [1, 2]), ("a.b=word", "word")):
+        assert parse_assignment(text) == ("a.b", value)
     assert parse_variations(["a=1,2", "b=[1,2],[3]"]) == {"a": [1, 2], "b": [[1, 2], [3]]}
     for bad in ("a", "a=", "=3"):
-        with pytest.raises(SprintlabError, match="no assignment"):
-            parse_assignments([bad])
-
-
-def test_an_override_keeps_the_kind_of_what_it_replaces() -> None:
-    settings = TrainingSettings()
-    assert override(settings, "ppo.learning_rate", 1).ppo.learning_rate == 1.0
-    assert override(settings, "randomization.friction", [0.5, 0.9]).randomization.friction == (0.5, 0.9)
-    assert override(settings, "rewards.grounded.first", -0.5).rewards.grounded.first == -0.5
-    for name, value, message in (
-        ("ppo.nothing", 1, "ppo.nothing = 1 is not allowed: there is no such setting"),
-        ("ppo.steps", 1.5, "must be a whole number"),
-        ("ppo.steps", "many", "ppo.steps = 'many' is not allowed"),
-        ("ppo.steps.more", 1, "it has no parts"),
-        ("ppo", 3, "must be a table of steps, epochs"),
-        ("ppo.steps", None, "ppo.steps = None is not allowed"),
-        ("ppo.steps", 0, r"ppo.steps = 0 is not allowed: must lie in \[1"),
-        ("ppo.stepps", 9, "did you mean ppo.steps"),
-    ):
-        with pytest.raises(SprintlabError, match=message):
-            override(settings, name, value)
-
-
-def test_what_may_be_none_can_be_set_and_taken_back() -> None:
-    anneal = override(TrainingSettings(), "ppo.std_anneal", [0.1, 0.2])
-    assert anneal.ppo.std_anneal == (0.1, 0.2)
-    assert override(anneal, "ppo.std_anneal", None).ppo.std_anneal is None
-    assert override(TrainingSettings(), "simulation.heat", {}).simulation.heat == WindingHeat()
-    weak = override(TrainingSettings(), "simulation.heat.heat_capacity", 1)
-    assert weak.simulation.heat == WindingHeat(heat_capacity=1.0)
-    both = {"ambient_temperature": 9, "heat_capacity": 0.2}
-    assert override(weak, "simulation.heat", both).simulation.heat == WindingHeat(
-        ambient_temperature=9.0, heat_capacity=0.2
-    )
-    assert override(weak, "simulation.heat", None) == TrainingSettings()
-    assert override(TrainingSettings(), "schedule.targets.grid", None).schedule.targets.grid is None
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("ppo.std_anneal", 5, 'must be a list of 2 numbers or "none"'),
-        ("ppo.std_anneal", [0.5, "2"], "must be a list"),
-        ("ppo.std_anneal", [1, 2, 3], "must be a list of 2 numbers"),
-        ("ppo.std_anneal", ["a", "b"], "must be a list"),
-        ("ppo.std_anneal", [0.9, 0.3], "std_anneal"),
-        ("ppo.std_anneal", {"first": 3}, "has no parts"),
-        ("simulation.heat", "big", 'must be a table of heat_capacity, .* or "none"'),
-        ("simulation.heat", [], "must be a table"),
-        (
-            "simulation.heat.volts",
-            3,
-            "simulation.heat.volts = 3 is not allowed: there is no such setting",
-        ),
-        (
-            "simulation.heat",
-            {"volts": 3},
-            "simulation.heat.volts = 3 is not allowed: there is no such setting",
-        ),
-        ("simulation.heat.heat_capacity", -1, "heat.heat_capacity"),
-    ],
-)
-def test_what_does_not_fit_a_setting_that_is_none_is_refused(name: str, value: Any, message: str) -> None:
-    with pytest.raises(SprintlabError, match=message):
-        override(TrainingSettings(), name, value)
+        with pytest.raises(SprintlabError, match="changes no setting"):
+            parse_assignment(bad)
 
 
 @pytest.mark.parametrize(
@@ -140,16 +77,11 @@ def test_what_does_not_fit_a_setting_that_is_none_is_refused(name: str, value: A
     ],
 )
 def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: dict[str, Any]) -> None:
-    pytest.importorskip("torch")
-    import shlex
-
-    from sprintlab.cli.train import parse_training
-
     (plan,) = plan_sweep(tmp_path, ("sprint",), (3,), TINY | overrides, {}, **LIMITS)
     words = shlex.split(plan.command_line())
-    assert words[:3] == ["sprintlab", "train", "sprint"]
-    assert not any("settings." in word for word in words)
-    assert parse_training(words[2:]).full_settings().digest() == plan.digest()
+    assert words[:5] == ["sprintlab", "train", "bp2", "--method", "sprint"]
+    changes = [words[place + 1] for place, word in enumerate(words) if word == "--set"]
+    assert with_changes(method("sprint", seed=3), changes).digest() == plan.digest()
 
 
 def test_a_schedule_is_the_methods_own_but_for_what_is_set(tmp_path: Path) -> None:

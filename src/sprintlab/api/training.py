@@ -98,7 +98,7 @@ def method(
 
     Args:
         name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
-        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
+        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16}``.
         robot: name, folder or table, with lengths, speeds and masses scaled to it; bp2 when left out.
         environments: robots side by side.
         seed: of every random generator.
@@ -106,20 +106,12 @@ def method(
     Raises:
         SprintlabError: an unknown method or setting, or a value that is not allowed.
     """
-    from sprintlab.training.methods import method_settings
-    from sprintlab.training.runs.named_settings import override
-    from sprintlab.training.scaling import scaled_settings
-    from sprintlab.training.settings import TrainingSettings
+    from sprintlab.training import methods
+    from sprintlab.training.settings_text import with_changes
 
-    base = TrainingSettings(seed=seed)
-    if robot is not None:
-        base = scaled_settings(robot_word(robot), base)
-    if environments is not None:
-        base = replace(base, simulation=replace(base.simulation, environments=environments))
-    settings = method_settings(name, base)
-    for setting, value in (changes or {}).items():
-        settings = override(settings, setting, value)
-    return settings
+    settings = methods.method(name, robot="bp2" if robot is None else robot_word(robot), seed=seed)
+    sized = {} if environments is None else {"simulation.environments": environments}
+    return with_changes(settings, {**sized, **(changes or {})})
 
 
 @checked
@@ -156,7 +148,7 @@ def train(
         minutes=minutes,
         device=device,
         resume=resume,
-        **{"keep_schedule": True, "keep_motor_model": True, **options},
+        **options,
     )
     return Training(folder=Path(output))
 
@@ -256,8 +248,7 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
 
     Args:
         settings: of the run.
-        options: fields of ``TrainOptions``; method, environments and seed are the settings' where they are
-            left out or None.
+        options: fields of ``TrainOptions``, and ``seed``; those that are None are left out.
 
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
@@ -268,13 +259,9 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
     from sprintlab.training.settings import TrainingSettings
 
     check_kind("settings", settings, TrainingSettings)
-
-    own: dict[str, Any] = {
-        "method": settings.method,
-        "seed": settings.seed,
-    }
     given = {name: value for name, value in options.items() if value is not None}
-    wanted = TrainOptions(settings=settings, **{**own, **given})
+    seed = given.pop("seed", settings.seed)
+    wanted = TrainOptions(settings=replace(settings, seed=seed), **given)
     check_places(wanted)  # before PyTorch is imported, which takes many seconds
     from sprintlab.training.runs.run import train
 

@@ -37,7 +37,7 @@ from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
 from sprintlab.cli.status import REFUSED, exit_status
 from sprintlab.cli.sweep import Sweep
-from sprintlab.cli.train import Train, run_training
+from sprintlab.cli.train import Train
 from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
@@ -206,8 +206,6 @@ def run(arguments: Sequence[str]) -> int:
         SprintlabError: the command was refused or failed.
         SystemExit: help was printed, or the command line makes no sense.
     """
-    if list(arguments[:1]) == ["train"] and len(arguments) > 1:
-        return run_training(arguments[1:])
     if not arguments or list(arguments[:1]) in (["--help"], ["-h"]):
         print(grouped_help())
         return 0 if arguments else REFUSED

@@ -97,15 +97,15 @@ class Sweep:
     def _plans(self) -> list[RunPlan]:
         from sprintlab.core.checks import check_range
         from sprintlab.training.methods import METHODS
-        from sprintlab.training.runs.named_settings import parse_assignments
         from sprintlab.training.runs.sweep_plan import parse_variations, plan_sweep
+        from sprintlab.training.settings_text import parse_assignment
 
         check_range("seeds", self.seeds, 1, 1000)
         return plan_sweep(
             self.out,
             self.methods or tuple(METHODS),
             range(self.seeds),
-            parse_assignments(self.set),
+            dict(map(parse_assignment, self.set)),
             parse_variations(self.vary),
             minutes=self.minutes,
             iterations=self.iterations,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -18,10 +17,12 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MotorModel
+from sprintlab.training.environment import rewards
+from sprintlab.training.reward_tables import Rewards, hound_rewards, paper_rewards
 from sprintlab.training.scaling import scaled_settings
-from sprintlab.training.settings import ACS, TARGETS, RewardSettings, RewardWeight, Schedule, TrainingSettings
+from sprintlab.training.settings import ACS, TARGETS, Schedule, StridePrior, TrainingSettings
+from sprintlab.training.terms import RewardTerm, term
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,18 +33,20 @@ class Method:
         actuator_model: motor model in training.
         schedule: how commands evolve.
         rewards: instead of the preset's; None: the preset's.
+        reward_sum: how they are added up.
+        added: further reward terms.
         saturation: whether the motors saturate in training.
-        prior: whether computed strides are rewarded at the start, their file from the settings.
-        load_balance: weight of the reward term of this name, in both stages.
+        prior: whether computed strides are rewarded at the start.
         source: paper that the method follows; empty: the paper of this package.
     """
 
     actuator_model: MotorModel
     schedule: Schedule
-    rewards: RewardSettings | None = None
+    rewards: Rewards | None = None
+    reward_sum: str = "exponential"
+    added: Rewards = field(default_factory=dict[str, RewardTerm])
     saturation: bool = True
     prior: bool = False
-    load_balance: float = 0.0
     source: str = ""
 
 
@@ -63,63 +66,6 @@ METHODS = {
 
 LITERAL_ACS = "literal-acs"
 """A seventh method: the paper's Eq. of ACS as it stands, with no target that the commands move toward."""
-
-
-_NONE = RewardWeight(first=0.0, second=0.0)
-_WITHOUT_GAIT_TERMS: dict[str, Any] = {
-    "tied": False,
-    "fine_speed_tracking": 0.0,
-    "fine_yaw_tracking": 0.0,
-    "joint_limit": RewardWeight(first=-10.0, second=-10.0),
-    "electrical_power": _NONE,
-    "hasty_touchdowns": _NONE,
-    "short_stances": _NONE,
-    "motion_at_zero_command": _NONE,
-    "sideways_drift": _NONE,
-}
-"""What makes gaits believable is this package's own: no paper's table has it."""
-
-
-def hound_rewards() -> RewardSettings:
-    """Hound's rewards (2312.17507): its gait and foot terms, base and torque terms, tracking kernels.
-
-    All weights are the paper's divided by six, which makes linear tracking one as in the other presets. Its
-    contact velocity is our ``touchdown``: the squared downward speed of a foot that is about to touch. Terms
-    that it does not print are zero, and those that keep a simulated robot possible stay (end stops, legs,
-    knees, no-load speed). The sum is clipped at zero; how Hound adds its terms we could not read.
-    """
-
-    def weight(printed: float) -> RewardWeight:
-        return RewardWeight(first=printed / 6.0, second=printed / 6.0)
-
-    return RewardSettings(
-        **_WITHOUT_GAIT_TERMS,
-        linear_tracking=1.0,
-        angular_tracking=0.5,
-        angular_sharpness=1.5,
-        progress=0.0,
-        diagonal_contact=weight(1.2),
-        touchdown=weight(-6.0),
-        foot_slip=weight(-0.16),
-        torque=weight(-2e-4),
-        vertical_velocity=weight(-4.0 * 0.8),
-        tilt_rate=weight(-4.0 * 0.2),
-        joint_power=_NONE,
-        action_rate=_NONE,
-        smoothness=_NONE,
-        roll_pitch_rate=_NONE,
-        orientation=_NONE,
-        base_height=_NONE,
-        joint_acceleration=_NONE,
-        abduction=_NONE,
-        yaw_rate=_NONE,
-        foot_clearance=_NONE,
-        abduction_mirror=_NONE,
-        grounded=_NONE,
-        over_speed=weight(-60.0),
-        leg_distance=weight(-12.0),
-        aggregation="clipped",
-    )
 
 
 def _curriculum(grid: Curriculum, persistence: tuple[float, float] = (3.0, 7.0)) -> CurriculumSchedule:
@@ -146,13 +92,14 @@ COMPARATORS = {
         actuator_model="simplified-dc",
         schedule=RampedSchedule(),
         rewards=hound_rewards(),
+        reward_sum="clipped",
         source="Hound (2312.17507): v_d = 0 operating region, gait and foot rewards",
     ),
     "stride-prior": Method(
         actuator_model="refined",
         schedule=ACS,
         prior=True,
-        load_balance=-2.0,
+        added={"load_balance": term(rewards.load_balance, -2.0)},
         source="the paper's future work: a trajectory prior and balanced joint loads",
     ),
 }
@@ -174,26 +121,6 @@ PRESETS = ("sprintlab", "paper")
 """``"sprintlab"``: our reward and practice, the defaults; ``"paper"``: the paper's table to the letter."""
 
 
-def paper_rewards() -> RewardSettings:
-    """The paper's Table I, every weight as printed, and no term that it does not have.
-
-    How the terms are added the paper does not say: they are added as by default, tracking times
-    exp(penalties / 2), since a plain sum rewards an early end at an orientation weight of -100.
-    """
-    return RewardSettings(
-        progress=0.0,
-        **_WITHOUT_GAIT_TERMS,
-        bare_squares=True,
-        roll_pitch_rate=RewardWeight(first=-0.02, second=-0.5),
-        action_rate=RewardWeight(first=-0.01, second=-0.01),
-        smoothness=RewardWeight(first=-0.005, second=-0.005),
-        joint_acceleration=RewardWeight(first=-2.5e-7, second=-1e-7),
-        collision=RewardWeight(first=-1.0, second=0.0),
-        grounded=_NONE,
-        touchdown=_NONE,
-    )
-
-
 def as_printed(schedule: Schedule) -> Schedule:
     """One of the paper's schedules without what this package adds: ramps, and other targets."""
     if isinstance(schedule, AdaptiveSchedule):
@@ -211,17 +138,15 @@ def preset_settings(name: str, base: TrainingSettings | None = None) -> Training
     less than another, and ends the range at 12 m/s.
 
     Raises:
-        InvalidValueError: the preset is unknown, or the rewards were changed that it decides.
+        InvalidValueError: the preset is unknown.
     """
     check_choice("preset", name, PRESETS)
     base = base or TrainingSettings()
     if name == "sprintlab":
         return base
-    if base.rewards not in (RewardSettings(), paper_rewards()):
-        raise InvalidValueError("settings.rewards", "changed", "left alone: preset paper decides the rewards")
     return replace(
         base,
-        rewards=paper_rewards(),
+        reward=paper_rewards(),
         constraints=None,
         episodes=replace(base.episodes, clone_share=0.0, fast_start_share=0.0),
         stages=replace(base.stages, second_top=12.0, record_margin=None),
@@ -233,28 +158,21 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     """``base`` (default: all defaults) with what sets method ``name`` apart.
 
     Raises:
-        InvalidValueError: the method is unknown, the message lists those that are known; the rewards were
-            changed that the method decides; or it needs strides and there are none.
+        InvalidValueError: the method is unknown; the message lists those that are known.
     """
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
-    if method.rewards is not None and base.rewards not in (RewardSettings(), method.rewards):
-        raise InvalidValueError("settings.rewards", "changed", f"left alone: method {name} decides them")
-    simulation, rewards = base.simulation, method.rewards or base.rewards
-    if method.prior and base.prior is None:
-        raise InvalidValueError("prior", None, "a file made by python -m studies.paper stride")
-    if method.load_balance:
-        weight = RewardWeight(first=method.load_balance, second=method.load_balance)
-        rewards = replace(rewards, load_balance=weight)
-    if not method.saturation:
-        simulation = replace(simulation, saturation=False)
+    printed = base.reward == paper_rewards()
+    simulation = base.simulation if method.saturation else replace(base.simulation, saturation=False)
     return replace(
         base,
         method=name,
         actuator_model=method.actuator_model,
-        schedule=as_printed(method.schedule) if base.rewards == paper_rewards() else method.schedule,
-        rewards=rewards,
+        schedule=as_printed(method.schedule) if printed else method.schedule,
+        reward={**(method.rewards or base.reward), **method.added},
+        reward_sum=method.reward_sum,
         simulation=simulation,
+        prior=(base.prior or StridePrior()) if method.prior else base.prior,
     )
 
 
@@ -276,5 +194,4 @@ def method(
         InvalidValueError: an unknown method or preset.
         SprintlabError: the robot is not known, or its table is refused.
     """
-    base = preset_settings(preset)
-    return replace(scaled_settings(robot, method_settings(name, base), base), seed=seed)
+    return replace(scaled_settings(robot, method_settings(name, preset_settings(preset))), seed=seed)

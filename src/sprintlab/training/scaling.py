@@ -6,16 +6,15 @@ with the square root of the leg's length (Alexander and Jayes, J. Zool. 201, 198
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
-from sprintlab.training.settings import ConstraintSettings, TrainingSettings
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.terms import Parameter, RewardTerm
 
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
-
-Group = TypeVar("Group")
 
 
 def leg_length(robot: RobotDescription) -> float:
@@ -28,87 +27,74 @@ def speed_scale(robot: RobotDescription) -> float:
     return (leg_length(robot) / leg_length(load_robot(REFERENCE_ROBOT))) ** 0.5
 
 
-def scaled_settings(
-    robot: str, base: TrainingSettings | None = None, defaults: TrainingSettings | None = None
-) -> TrainingSettings:
-    """``base`` for ``robot``: lengths by leg length, speeds and times by Froude number, payload by mass.
+def scaled_settings(robot: str, base: TrainingSettings | None = None) -> TrainingSettings:
+    """``base``, which is for BP2, for ``robot``: lengths by leg length, speeds and times by Froude number.
 
-    What was changed is left alone: only values that ``base`` shares with ``defaults`` are scaled. For the
-    robot that the defaults are for, nothing changes but the name.
+    The payload goes with the mass. For BP2 nothing changes.
 
     Args:
         robot: name, folder or table.
         base: settings to scale; all defaults when left out.
-        defaults: the settings that are for BP2; all defaults when left out.
 
     Raises:
         SprintlabError: the robot is not known, or its table is refused.
     """
-    defaults = defaults or TrainingSettings()
-    base = base or defaults
+    base = base or TrainingSettings()
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
     speed, mass = speed_scale(small), small.total_mass / large.total_mass
     length = leg_length(small) / leg_length(large)
-    rewards, episodes, stages = defaults.rewards, defaults.episodes, defaults.stages
-    payload, held_width = defaults.randomization.payload, defaults.rewards.held_width
-    narrow, wide = rewards.fine_yaw_rates
-
-    def above_ground(height: float) -> float:
-        """Height of a foot's middle whose sole is as high, scaled."""
-        return small.foot_radius + length * (height - large.foot_radius)
-
+    scales: dict[str, Callable[[float], float]] = {
+        "height": lambda height: small.foot_radius + length * (height - large.foot_radius),
+        "distance": lambda distance: length * distance,
+        "speed": lambda value: speed * value,
+        "yaw_rates": lambda rate: rate / speed,
+    }
+    simulation, randomization, stages = base.simulation, base.randomization, base.stages
+    episodes, constraints = base.episodes, base.constraints
+    if constraints is not None:
+        legs = constraints.legs
+        legs = replace(legs, limit=length * legs.limit, full=length * legs.full)
+        constraints = replace(constraints, legs=legs)
+    lowest, highest = randomization.payload
+    margin = stages.record_margin
     return replace(
         base,
         robot=robot,
-        rewards=_where_default(
-            base.rewards,
-            rewards,
-            foot_clearance_target=above_ground(rewards.foot_clearance_target),
-            touchdown_height=above_ground(rewards.touchdown_height),
-            leg_distance_limit=length * rewards.leg_distance_limit,
-            shortest_stride=speed * rewards.shortest_stride,
-            shortest_stance=speed * rewards.shortest_stance,
-            progress=rewards.progress / speed,
-            held_width=(speed * held_width[0], held_width[1]),
-            fine_yaw_rates=(narrow / speed, wide / speed),
+        reward={name: _scaled_term(term, scales) for name, term in base.reward.items()},
+        constraints=constraints,
+        simulation=replace(
+            simulation,
+            shortest_stride=speed * simulation.shortest_stride,
+            shortest_stance=speed * simulation.shortest_stance,
         ),
-        randomization=_where_default(
-            base.randomization,
-            defaults.randomization,
-            payload=(mass * payload[0], mass * payload[1]),
-            center_of_mass=length * defaults.randomization.center_of_mass,
+        randomization=replace(
+            randomization,
+            payload=(mass * lowest, mass * highest),
+            center_of_mass=length * randomization.center_of_mass,
         ),
-        episodes=_where_default(
-            base.episodes,
+        episodes=replace(
             episodes,
             leg_distance_limit=length * episodes.leg_distance_limit,
             knee_clearance=length * episodes.knee_clearance,
         ),
-        stages=_where_default(
-            base.stages,
+        stages=replace(
             stages,
             first_top=speed * stages.first_top,
             second_top=speed * stages.second_top,
             growth=speed * stages.growth,
             growth_margin=speed * stages.growth_margin,
             gated_top=speed * stages.gated_top,
-            **({} if stages.record_margin is None else {"record_margin": speed * stages.record_margin}),
+            record_margin=None if margin is None else speed * margin,
         ),
-        constraints=_scaled_constraints(base.constraints, defaults.constraints, length),
     )
 
 
-def _scaled_constraints(
-    constraints: ConstraintSettings | None, defaults: ConstraintSettings | None, length: float
-) -> ConstraintSettings | None:
-    """The distance between legs by leg length; the other limits are shares of the robot's own."""
-    if constraints is None or defaults is None or constraints.legs != defaults.legs:
-        return constraints
-    legs = replace(defaults.legs, limit=length * defaults.legs.limit, full=length * defaults.legs.full)
-    return replace(constraints, legs=legs)
+def _scaled_term(term: RewardTerm, scales: Mapping[str, Callable[[float], float]]) -> RewardTerm:
+    """A reward term whose parameters of a known name are scaled."""
 
+    def scaled(name: str, value: Parameter) -> Parameter:
+        if name not in scales:
+            return value
+        return tuple(map(scales[name], value)) if isinstance(value, tuple) else scales[name](value)
 
-def _where_default(group: Group, defaults: Group, **scaled: Any) -> Group:
-    """``group`` with the scaled values in place of those that it shares with ``defaults``."""
-    kept = {name: value for name, value in scaled.items() if getattr(group, name) == getattr(defaults, name)}
-    return replace(group, **kept)  # type: ignore[type-var]
+    return replace(term, parameters={name: scaled(name, value) for name, value in term.parameters.items()})

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, get_type_hints
 
 from sprintlab.commands import (
@@ -23,6 +23,9 @@ from sprintlab.core.checks import check_choice, check_interval, check_positive, 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
+from sprintlab.training.reward_tables import default_rewards
+from sprintlab.training.settings_text import to_plain
+from sprintlab.training.terms import RewardTerm
 
 Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
@@ -50,7 +53,7 @@ _LARGEST = 1e30
 TRAINED_MODELS = ("refined", "simplified-dc", "square")
 """Motor models that the engine knows."""
 PRECISIONS = ("tf32", "bfloat16")
-AGGREGATIONS = ("exponential", "clipped", "sum")
+REWARD_SUMS = ("exponential", "clipped", "sum")
 NORMALIZER_FLOOR = 1e-2
 """Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
 PHASES = ("hold", "push", "brake")
@@ -71,6 +74,8 @@ class SimulationSettings:
         heat: of the windings; ``None``, as in the paper: they stay cold.
         saturation: whether the motors saturate, as the robot's do; off, torque stays proportional to current.
         winding_temperature: with heat, at an episode's start [degC].
+        shortest_stride: a foot that touches down sooner after its last touchdown is hasty [s].
+        shortest_stance: a foot that lifts off sooner after its touchdown is hasty [s].
 
     Raises:
         InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
@@ -83,6 +88,8 @@ class SimulationSettings:
     heat: WindingHeat | None = None
     saturation: bool = True
     winding_temperature: tuple[float, float] = (25.0, 90.0)
+    shortest_stride: float = 0.194
+    shortest_stance: float = 0.036
 
     def __post_init__(self) -> None:
         check_interval("winding_temperature", self.winding_temperature, -60.0, 200.0, "degC")
@@ -91,143 +98,6 @@ class SimulationSettings:
         check_range("environments", self.environments, 1, MOST_ENVIRONMENTS)
         check_range("substeps", self.substeps, 1, 10_000)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RewardWeight:
-    """Weight of one reward term in stage I and in stage II; zero where the paper writes N/A."""
-
-    first: float
-    second: float
-
-
-def _constant(weight: float) -> RewardWeight:
-    return RewardWeight(first=weight, second=weight)
-
-
-REWARDED = ("linear_tracking", "angular_tracking", "progress", "fine_speed_tracking", "fine_yaw_tracking")
-"""Weights of what is rewarded; all other plain numbers of ``RewardSettings`` are thresholds and scales."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RewardSettings:
-    """The paper's reward table (Part A: constant weights; Part B: by stage), and how the terms are added.
-
-    Attributes:
-        linear_tracking: of ``exp(-|v_xy - command|^2)``.
-        angular_tracking: of ``exp(-angular_sharpness (yaw rate - command)^2)``.
-        angular_sharpness: one in the paper.
-        progress: of the speed in the commanded direction over 10 m/s, up to the commanded speed and to the
-            target; not in the paper. Under ACS the command follows the robot, so that tracking alone pays no
-            more at 12 m/s than at 8.
-        fine_speed_tracking: of how well the speed asked for is held, ``exp(-|command - running speed| / (w0 +
-            w1 |command|))`` with ``held_width`` and the mean speed of about a stride; not in the paper, whose
-            kernel is flat below 0.3 m/s.
-        fine_yaw_tracking: of the mean of ``exp(-|error| / width)`` over ``fine_yaw_rates``, likewise.
-        tied: whether everything paid is multiplied by how well the speed is held. Without it slow robots earn
-            more than fast ones: turning is paid at any speed, and penalties take most of what a runner earns.
-        vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
-        leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper, and off here, where
-            it is a constraint, as are the depth in end stops (``joint_limit``) and ``over_speed``.
-        grounded: mean foot contact times forward speed [m/s]; not in the paper: draws the policy from a
-            grounded run, a local optimum, into one with flight phases.
-        touchdown: squared downward speed of feet that are about to touch; not in the paper: feet that are
-            rammed into the ground sink deeper than a real surface allows.
-        over_speed: squared share by which a joint exceeds its motor's no-load speed, where the drive can only
-            brake; not in the paper.
-        electrical_power: drawn from the bus, over the weight times (speed + 2 m/s): about the cost of
-            transport. Not in the paper, whose mechanical power misses the copper loss.
-        hasty_touchdowns, short_stances: touchdowns sooner than ``shortest_stride`` after the last and
-            stances shorter than ``shortest_stance``; not in the paper: else a gait becomes a tap.
-        motion_at_zero_command: feet in the air and speed while the robot is asked to stand; not in the paper.
-        collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
-        action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
-            -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
-        diagonal_contact: steps in which one diagonal pair of feet stands and the other swings; a reward, with
-            a positive weight. This and the next two are Hound's, not the paper's, and off by default.
-        tilt_rate: sum of the roll and pitch rates' magnitudes.
-        torque: squared joint torques.
-        load_balance: variance over the joints of the share of its peak torque that each gives; likewise off.
-        sideways_drift: magnitude of the speed to the side, averaged over about a stride, while no turn is
-            commanded. A robot whose heading is held still leaves its lane where it moves a
-            few degrees to the side of it.
-        bare_squares: yaw rate, tilt and foot clearance as the paper prints them: the squared yaw rate, which
-            fights every commanded turn, the squared tilt, which fights the lean into it, and the squared
-            height error, which punishes feet for standing. By default the first is the error of the yaw rate,
-            the second leaves out the lean, and the third is weighted by the foot's speed.
-        aggregation: ``"exponential"`` tracking * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
-            The exponential keeps a gradient where penalties are large and never rewards an early end.
-        penalty_scale: factor of the penalties inside the exponential.
-        leg_distance_limit: between surfaces; below it a pair counts [m].
-        foot_clearance_target: height of a foot's middle in swing [m]; the default is radius + 8 cm.
-        touchdown_height: a foot's middle lower than this is about to touch [m]: radius + 2 cm.
-        held_width: w0 [m/s] and w1 [-] of how well a speed is held.
-        fine_yaw_rates: widths of the fine yaw-rate kernels [rad/s]: one narrow, one with a slope far away.
-        shortest_stride: period that costs nothing [s].
-        shortest_stance: duration that costs nothing [s].
-
-    Raises:
-        InvalidValueError: unknown ``aggregation`` or a scale that is not positive.
-    """
-
-    linear_tracking: float = 1.0
-    angular_tracking: float = 0.5
-    angular_sharpness: float = 1.0
-    progress: float = 1.5
-    fine_speed_tracking: float = 4.0
-    fine_yaw_tracking: float = 3.5
-    tied: bool = True
-    vertical_velocity: RewardWeight = _constant(-2.0)
-    joint_power: RewardWeight = _constant(-1e-6)
-    action_rate: RewardWeight = RewardWeight(first=-0.01, second=-0.005)
-    smoothness: RewardWeight = RewardWeight(first=-0.005, second=-0.0025)
-    joint_limit: RewardWeight = _constant(0.0)
-    roll_pitch_rate: RewardWeight = RewardWeight(first=-0.02, second=-0.3)
-    orientation: RewardWeight = RewardWeight(first=-5.0, second=-100.0)
-    base_height: RewardWeight = RewardWeight(first=-10.0, second=-20.0)
-    joint_acceleration: RewardWeight = RewardWeight(first=-2.5e-7, second=-3e-8)
-    abduction: RewardWeight = RewardWeight(first=-1.0, second=0.0)
-    collision: RewardWeight = RewardWeight(first=-1.0, second=-1.0)
-    foot_slip: RewardWeight = RewardWeight(first=0.0, second=-0.01)
-    yaw_rate: RewardWeight = RewardWeight(first=0.0, second=-0.5)
-    foot_clearance: RewardWeight = RewardWeight(first=-0.2, second=0.0)
-    abduction_mirror: RewardWeight = RewardWeight(first=0.0, second=-0.5)
-    grounded: RewardWeight = RewardWeight(first=-0.03, second=0.0)
-    touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
-    over_speed: RewardWeight = _constant(0.0)
-    leg_distance: RewardWeight = _constant(0.0)
-    electrical_power: RewardWeight = RewardWeight(first=-0.2, second=-0.5)
-    hasty_touchdowns: RewardWeight = RewardWeight(first=-2.0, second=-10.0)
-    short_stances: RewardWeight = RewardWeight(first=-1.0, second=-6.0)
-    motion_at_zero_command: RewardWeight = RewardWeight(first=-0.5, second=-3.0)
-    diagonal_contact: RewardWeight = _constant(0.0)
-    tilt_rate: RewardWeight = _constant(0.0)
-    torque: RewardWeight = _constant(0.0)
-    load_balance: RewardWeight = _constant(0.0)
-    sideways_drift: RewardWeight = RewardWeight(first=0.0, second=-1.0)
-    bare_squares: bool = False
-    aggregation: str = "exponential"
-    penalty_scale: float = 0.5
-    leg_distance_limit: float = 0.04
-    foot_clearance_target: float = 0.11
-    touchdown_height: float = 0.05
-    held_width: tuple[float, float] = (0.5, 0.05)
-    fine_yaw_rates: tuple[float, float] = (0.1, 0.4)
-    shortest_stride: float = 0.194
-    shortest_stance: float = 0.036
-
-    def __post_init__(self) -> None:
-        check_choice("aggregation", self.aggregation, AGGREGATIONS)
-        for name, value in vars(self).items():
-            if isinstance(value, float) and name not in REWARDED:
-                check_positive(name, value)
-        for name in ("held_width", "fine_yaw_rates"):
-            for value in getattr(self, name):
-                check_positive(name, value)
-
-    def penalties(self) -> dict[str, RewardWeight]:
-        """Name of each penalty and its weights, in the order in which the environment stacks them."""
-        return {name: value for name, value in vars(self).items() if isinstance(value, RewardWeight)}
 
 
 Interval = tuple[float, float]
@@ -717,6 +587,8 @@ class TrainingSettings:
         robot: name of the robot.
         actuator_model: motor model in training.
         schedule: how commands evolve.
+        reward: terms by name: ``reward_tables``.
+        reward_sum: ``"exponential"`` rewards * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
         constraints: what the audit limits, as shares of the future that end; None: only rewards.
         heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
             evaluation closes; without it nothing teaches the robot to run straight.
@@ -739,7 +611,8 @@ class TrainingSettings:
     heading_hold: bool = True
     standing_hold: bool = True
     simulation: SimulationSettings = SimulationSettings()
-    rewards: RewardSettings = RewardSettings()
+    reward: dict[str, RewardTerm] = field(default_factory=default_rewards)
+    reward_sum: str = "exponential"
     randomization: RandomizationSettings = RandomizationSettings()
     episodes: EpisodeSettings = EpisodeSettings()
     constraints: ConstraintSettings | None = ConstraintSettings()
@@ -754,17 +627,20 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         _check_kinds(self)
         check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)
+        check_choice("reward_sum", self.reward_sum, REWARD_SUMS)
+        tied = [name for name, term in self.reward.items() if term.tied]
+        if tied and "speed_held" not in self.reward:
+            raise InvalidValueError(f"reward.{tied[0]}.tied", True, "false without the term speed_held")
         rollout = self.simulation.environments * self.ppo.steps
         check_range("simulation.environments * ppo.steps", rollout, 1, LARGEST_ROLLOUT)
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Nested plain values, for the hash and for loggers."""
-        return {**asdict(self), "schedule_kind": type(self.schedule).__name__}
+        return to_plain(self)
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        text = json.dumps(self.as_dict(), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()
 
 
 CPU_ENVIRONMENTS, CPU_HIDDEN = 2048, (128, 64)

@@ -9,6 +9,7 @@ Nothing here needs PyTorch.
 from __future__ import annotations
 
 import difflib
+import json
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,6 +24,8 @@ from sprintlab.core.reading import parse_toml, read_toml
 
 ABSENT = "none"
 KIND = "kind"
+_FUNCTIONS = ("sprintlab.training.environment.rewards",)
+"""Modules whose functions are named without them."""
 Settings = TypeVar("Settings")
 
 
@@ -51,10 +54,16 @@ def with_changes(settings: Settings, changes: Iterable[str] | Mapping[str, Any])
 
 def parse_assignment(text: str) -> tuple[str, Any]:
     """``"ppo.steps=8"`` as name and value. Raises ``SprintlabError`` where there is no ``=``."""
-    name, equals, value = text.partition("=")
-    if not (equals and name.strip() and value.strip()):
+    name, value = split_assignment(text)
+    return name, parse_value(value)
+
+
+def split_assignment(text: str) -> tuple[str, str]:
+    """``"ppo.steps=8"`` as name and text. Raises ``SprintlabError`` where there is no ``=``."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (equals and name and value):
         raise SprintlabError(f"{text!r} changes no setting; expected e.g. ppo.steps=8")
-    return name.strip().replace("-", "_"), parse_value(value.strip())
+    return name.replace("-", "_"), value
 
 
 def parse_value(text: str) -> Any:
@@ -63,6 +72,14 @@ def parse_value(text: str) -> Any:
         return parse_toml(f"value = {text}")["value"]
     except ValueError:
         return text
+
+
+def as_text(value: Any) -> str:
+    """Inverse of ``parse_value``."""
+    if isinstance(value, Mapping):
+        inner = (f"{name} = {as_text(each)}" for name, each in cast("Mapping[str, Any]", value).items())
+        return f"{{{', '.join(inner)}}}"
+    return ABSENT if value is None else json.dumps(value)
 
 
 def read_settings(path: Path, base: Settings) -> Settings:
@@ -121,7 +138,8 @@ def _plain(value: Any, hint: Any = None) -> Any:
 
 
 def _path(value: Any) -> str:
-    return f"{value.__module__}:{value.__qualname__}"
+    own = value.__module__ in _FUNCTIONS
+    return value.__qualname__ if own else f"{value.__module__}:{value.__qualname__}"
 
 
 def _class_name(kind: type, known: Sequence[type]) -> str:
@@ -189,20 +207,23 @@ def _chosen_class(hint: Any, name: Any, present: Any, place: str) -> Any:
     for kind in known:
         if kind.__name__ == name:
             return kind
-    found = imported(name) if isinstance(name, str) else None
+    found = _imported(name) if isinstance(name, str) else None
     if isinstance(found, type) and is_dataclass(found):
         return found
     names = ", ".join(kind.__name__ for kind in known)
     raise InvalidValueError(f"{place}.{KIND}", name, f"choose one of {names}, or a class that is imported")
 
 
-def imported(path: str) -> Any:
+def _imported(path: str) -> Any:
     """What stands under ``"module:name"`` in a module that is already imported, else None."""
-    module, _, name = path.partition(":")
-    found: Any = sys.modules.get(module)
-    for part in name.split("."):
-        found = getattr(found, part, None)
-    return found
+    module, colon, name = path.rpartition(":")
+    for place in (module,) if colon else _FUNCTIONS:
+        found: Any = sys.modules.get(place)
+        for part in name.split("."):
+            found = getattr(found, part, None)
+        if found is not None:
+            return found
+    return None
 
 
 def _converted(value: Any, kind: Any) -> Any:
@@ -217,7 +238,7 @@ def _converted(value: Any, kind: Any) -> Any:
     if kind is Path and isinstance(value, str):
         return Path(value)
     if get_origin(kind) is Callable:
-        found = imported(value) if isinstance(value, str) else value
+        found = _imported(value) if isinstance(value, str) else value
         return found if callable(found) else MISSING
     if get_origin(kind) is Literal:
         return value if value in get_args(kind) else MISSING
@@ -270,5 +291,5 @@ def _word(kind: Any) -> str:
     if get_origin(kind) in (dict, Mapping):
         return "a table"
     if get_origin(kind) is Callable:
-        return '"module:name" of a function that is imported'
+        return 'a function, by its name or as "module:name"'
     return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))

@@ -1,25 +1,23 @@
-"""The paper's reward table, term by term: pure functions of one step.
+"""Reward terms: functions of one step, ``(RewardInput, parameters by name) -> (n,)``, unweighted.
 
-Each penalty is a function ``(RewardInput, RewardSettings) -> (n,)``, found by its name in ``RewardSettings``;
-adding one is a function here and a weight there.
+A run names those that it uses, with weights and parameters: ``training.reward_tables``. Adding one is a
+function, here or in a module of one's own, and a line in a run's table. PyTorch is not imported here, so that
+settings, which name these functions, can be read at once.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
-
-import torch
+from typing import TYPE_CHECKING, NamedTuple
 
 from sprintlab.commands.state import GRAVITY
 from sprintlab.control.standing import REST_COMMAND
-from sprintlab.core.errors import InvalidValueError
-from sprintlab.training.environment.kinematics import BodyState
-from sprintlab.training.settings import RewardSettings
 
-PROGRESS_SPEED = 10.0
-"""Speed at which the progress term is one [m/s]."""
+if TYPE_CHECKING:
+    import torch
+
+    from sprintlab.training.environment.kinematics import BodyState
+
 STRAIGHT_ON = 0.1
 """Below this yaw rate a command asks for no turn [rad/s]."""
 POWER_SPEED = 2.0
@@ -87,157 +85,216 @@ class RewardInput(NamedTuple):
     peak_torque: torch.Tensor | float = 1.0
 
 
-Penalty = Callable[[RewardInput, RewardSettings], torch.Tensor]
-
-PENALTIES: dict[str, Penalty] = {
-    "vertical_velocity": lambda x, s: x.body.velocity[:, 2].square(),
-    "joint_power": lambda x, s: (x.torque * x.body.joint_velocity).abs().sum(1),
-    "action_rate": lambda x, s: (x.action - x.previous_action).square().sum(1),
-    "smoothness": lambda x, s: (x.action - 2 * x.previous_action + x.earlier_action).square().sum(1),
-    "joint_limit": lambda x, s: x.limit_excess.square().sum(1),
-    "roll_pitch_rate": lambda x, s: x.body.angular_velocity[:, :2].square().sum(1),
-    "orientation": lambda x, s: _unwanted_tilt(x, s),
-    "base_height": lambda x, s: (x.body.height - x.base_height_target).square(),
-    "joint_acceleration": lambda x, s: x.joint_acceleration.square().sum(1),
-    "abduction": lambda x, s: x.body.abduction.square().sum(1),
-    "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
-    "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
-    "yaw_rate": lambda x, s: _unwanted_yaw_rate(x, s).square(),
-    "foot_clearance": lambda x, s: _clearance_error(x, s).sum(1),
-    "abduction_mirror": lambda x, s: (
-        (x.body.abduction[:, 0::2] + x.body.abduction[:, 1::2]).square().sum(1)  # left and right
-    ),
-    "grounded": lambda x, s: x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0),
-    "touchdown": lambda x, s: (
-        x.body.foot_descent.square() * (x.body.foot_height < s.touchdown_height).float()
-    ).sum(1),
-    "over_speed": lambda x, s: (
-        (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
-    ),
-    "electrical_power": lambda x, s: (
-        x.loads.power / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
-    ),
-    "hasty_touchdowns": lambda x, s: x.loads.hasty_touchdowns.sum(1),
-    "short_stances": lambda x, s: x.loads.short_stances.sum(1),
-    "motion_at_zero_command": lambda x, s: (
-        _asked_to_stand(x) * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
-    ),
-    "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
-    "diagonal_contact": lambda x, s: _diagonal_contact(x.body.contact),
-    "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
-    "torque": lambda x, s: x.torque.square().sum(1),
-    "load_balance": lambda x, s: (x.torque.abs() / x.peak_torque).var(1, correction=0),
-    "sideways_drift": lambda x, s: _asked_straight_on(x) * x.running_side_speed.abs(),
-}
+# --- what is rewarded ------------------------------------------------------------------------------------
 
 
-def _asked_to_stand(x: RewardInput) -> torch.Tensor:
-    """1 where the command is rest."""
-    return (x.command.abs() < REST_COMMAND).all(1).float()
+def linear_tracking(x: RewardInput) -> torch.Tensor:
+    """``exp(-|v_xy - command|^2)``."""
+    return (-(x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)).exp()
 
 
-def _asked_straight_on(x: RewardInput) -> torch.Tensor:
-    """1 where no turn is commanded: a robot that turns may move to the side of where it points."""
-    return (x.command[:, 2].abs() < STRAIGHT_ON).float()
+def angular_tracking(x: RewardInput, *, sharpness: float) -> torch.Tensor:
+    """``exp(-sharpness (yaw rate - command)^2)``, ``sharpness`` in s^2/rad^2."""
+    return (-sharpness * (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()).exp()
 
 
-def _unwanted_tilt(x: RewardInput, s: RewardSettings) -> torch.Tensor:
-    """Squared tilt of the trunk; a lean into the turn, up to ``tan(lean) = v w / g``, is free."""
-    pitch, roll = x.body.gravity[:, 0], x.body.gravity[:, 1]
-    if not s.bare_squares:
-        lateral = x.running_speed * x.command[:, 2] / GRAVITY
-        lean = lateral * torch.rsqrt(1.0 + lateral.square())
-        roll = roll - torch.minimum(torch.maximum(roll, lean.clamp(max=0.0)), lean.clamp(min=0.0))
-    return pitch.square() + roll.square()
+def progress(x: RewardInput, *, speed: float) -> torch.Tensor:
+    """Speed in the commanded direction over ``speed`` [m/s], up to the commanded one and to the target.
+
+    Under ACS the command follows the robot, so that tracking alone pays no more at 12 m/s than at 8. A
+    command that follows a robot which brakes would pay for not braking: hence the target.
+    """
+    direction = x.command[:, 0].sign()
+    wanted = x.command[:, 0].abs().minimum((x.target_speed * direction).clamp(min=0.0))
+    along = x.body.velocity[:, 0] * direction
+    return along.clamp(min=0.0).minimum(wanted) / speed
 
 
-def _unwanted_yaw_rate(x: RewardInput, s: RewardSettings) -> torch.Tensor:
-    """Yaw rate beyond the commanded one: the paper's bare square would fight the command."""
-    turn = x.body.angular_velocity[:, 2]
-    return turn if s.bare_squares else turn - x.command[:, 2]
+def speed_held(x: RewardInput, *, speed: float, share: float) -> torch.Tensor:
+    """``exp(-|command - running speed| / (speed + share |command|))``: the mean speed of about a stride.
+
+    The paper's kernel, 1 m/s wide, is flat where a good runner is; this one has a slope everywhere.
+    """
+    command = x.command[:, 0]
+    return (-(command - x.running_speed).abs() / (speed + share * command.abs())).exp()
 
 
-def _clearance_error(x: RewardInput, s: RewardSettings) -> torch.Tensor:
-    """Squared height error of each foot, weighted by its speed as in DreamWaQ: bare, it punishes standing."""
-    error = (x.body.foot_height - s.foot_clearance_target).square()
-    return error if s.bare_squares else error * x.body.foot_speed
+def yaw_rate_held(x: RewardInput, *, yaw_rates: tuple[float, float]) -> torch.Tensor:
+    """Mean of ``exp(-|error| / width)`` over two widths [rad/s]: a narrow one, and one for large errors."""
+    error = (x.command[:, 2] - x.running_yaw_rate).abs()
+    narrow, wide = ((-error / width).exp() for width in yaw_rates)
+    return 0.5 * (narrow + wide)
 
 
-def _diagonal_contact(contact: torch.Tensor) -> torch.Tensor:
-    """1 where exactly one diagonal pair of feet (FL and RR, or FR and RL) touches ``(n,)``."""
+def diagonal_contact(x: RewardInput) -> torch.Tensor:
+    """1 where exactly one diagonal pair of feet (FL and RR, or FR and RL) touches."""
+    contact = x.body.contact
     first, second = contact[:, 0] * contact[:, 3], contact[:, 1] * contact[:, 2]
     return (first + second) * (contact.sum(1) == 2.0).float()
 
 
-def tracking(
-    x: RewardInput, angular_sharpness: float = 1.0
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """What is rewarded, unweighted, each ``(n,)``.
+# --- penalties: the paper's ------------------------------------------------------------------------------
 
-    ``exp(-|v_xy - command|^2)``, ``exp(-angular_sharpness (yaw rate - command)^2)``, and the speed in the
-    commanded direction, up to the commanded one and to the target, over 10 m/s. A command that follows a
-    robot which brakes would pay for not braking.
+
+def vertical_velocity(x: RewardInput) -> torch.Tensor:
+    """Squared vertical speed of the trunk."""
+    return x.body.velocity[:, 2].square()
+
+
+def joint_power(x: RewardInput) -> torch.Tensor:
+    """Sum of the magnitudes of the joints' mechanical power [W]."""
+    return (x.torque * x.body.joint_velocity).abs().sum(1)
+
+
+def action_rate(x: RewardInput) -> torch.Tensor:
+    """Squared change of the action."""
+    return (x.action - x.previous_action).square().sum(1)
+
+
+def smoothness(x: RewardInput) -> torch.Tensor:
+    """Squared second difference of the action."""
+    return (x.action - 2 * x.previous_action + x.earlier_action).square().sum(1)
+
+
+def joint_limit(x: RewardInput) -> torch.Tensor:
+    """Squared depth in the end stops [rad^2]."""
+    return x.limit_excess.square().sum(1)
+
+
+def roll_pitch_rate(x: RewardInput) -> torch.Tensor:
+    """Squared roll and pitch rates."""
+    return x.body.angular_velocity[:, :2].square().sum(1)
+
+
+def tilt(x: RewardInput) -> torch.Tensor:
+    """Squared tilt of the trunk, which fights the lean into a turn."""
+    return x.body.gravity[:, 0].square() + x.body.gravity[:, 1].square()
+
+
+def base_height(x: RewardInput) -> torch.Tensor:
+    """Squared error of the trunk's height."""
+    return (x.body.height - x.base_height_target).square()
+
+
+def joint_acceleration(x: RewardInput) -> torch.Tensor:
+    """Squared joint accelerations."""
+    return x.joint_acceleration.square().sum(1)
+
+
+def abduction(x: RewardInput) -> torch.Tensor:
+    """Squared angles of the abduction joints."""
+    return x.body.abduction.square().sum(1)
+
+
+def collision(x: RewardInput) -> torch.Tensor:
+    """Knees near the ground."""
+    return (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1)
+
+
+def foot_slip(x: RewardInput) -> torch.Tensor:
+    """Horizontal speed of the feet that touch."""
+    return (x.body.foot_speed * x.body.contact).sum(1)
+
+
+def yaw_rate(x: RewardInput) -> torch.Tensor:
+    """Squared yaw rate, which fights every commanded turn."""
+    return x.body.angular_velocity[:, 2].square()
+
+
+def foot_clearance(x: RewardInput, *, height: float) -> torch.Tensor:
+    """Squared error of the height of each foot's middle, target ``height`` [m], which punishes standing."""
+    return (x.body.foot_height - height).square().sum(1)
+
+
+def abduction_mirror(x: RewardInput) -> torch.Tensor:
+    """Squared sum of left and right abduction."""
+    return (x.body.abduction[:, 0::2] + x.body.abduction[:, 1::2]).square().sum(1)
+
+
+# --- penalties: not the paper's --------------------------------------------------------------------------
+
+
+def unwanted_tilt(x: RewardInput) -> torch.Tensor:
+    """Squared tilt of the trunk; a lean into the turn, up to ``tan(lean) = v w / g``, is free."""
+    lateral = x.running_speed * x.command[:, 2] / GRAVITY
+    lean = lateral * (1.0 + lateral.square()).rsqrt()
+    pitch, roll = x.body.gravity[:, 0], x.body.gravity[:, 1]
+    roll = roll - roll.maximum(lean.clamp(max=0.0)).minimum(lean.clamp(min=0.0))
+    return pitch.square() + roll.square()
+
+
+def yaw_rate_error(x: RewardInput) -> torch.Tensor:
+    """Squared error of the yaw rate."""
+    return (x.body.angular_velocity[:, 2] - x.command[:, 2]).square()
+
+
+def swing_clearance(x: RewardInput, *, height: float) -> torch.Tensor:
+    """Squared height error of each foot times its speed, as in DreamWaQ: feet that stand cost nothing."""
+    return ((x.body.foot_height - height).square() * x.body.foot_speed).sum(1)
+
+
+def grounded(x: RewardInput) -> torch.Tensor:
+    """Mean foot contact times forward speed [m/s]: draws the policy from a grounded run, a local optimum."""
+    return x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0)
+
+
+def touchdown(x: RewardInput, *, height: float) -> torch.Tensor:
+    """Squared downward speed of feet whose middles are below ``height`` [m]: about to touch."""
+    return (x.body.foot_descent.square() * (x.body.foot_height < height).float()).sum(1)
+
+
+def over_speed(x: RewardInput) -> torch.Tensor:
+    """Squared share by which a joint exceeds its motor's no-load speed, where the drive can only brake."""
+    return (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
+
+
+def electrical_power(x: RewardInput) -> torch.Tensor:
+    """Power drawn from the bus over weight times (speed + 2 m/s): about the cost of transport.
+
+    The paper's mechanical power misses the copper loss.
     """
-    error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
-    turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
-    direction = torch.sign(x.command[:, 0])
-    wanted = torch.minimum(x.command[:, 0].abs(), (x.target_speed * direction).clamp(min=0.0))
-    along = x.body.velocity[:, 0] * direction
-    onward = torch.minimum(along.clamp(min=0.0), wanted) / PROGRESS_SPEED
-    return torch.exp(-error), torch.exp(-angular_sharpness * turn), onward
+    return x.loads.power / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
 
 
-def fine_tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:
-    """Accuracy over a stride, unweighted, each ``(n,)``: of the forward speed and of the yaw rate.
+def hasty_touchdowns(x: RewardInput) -> torch.Tensor:
+    """Touchdowns sooner than ``simulation.shortest_stride`` after the last: else a gait becomes a tap."""
+    return x.loads.hasty_touchdowns.sum(1)
 
-    ``exp(-|error| / width)``: the paper's kernels, 1 m/s and 1 rad/s wide, are flat where a good runner is;
-    these have a slope everywhere. The width of the first grows with the command.
+
+def short_stances(x: RewardInput) -> torch.Tensor:
+    """Stances shorter than ``simulation.shortest_stance``."""
+    return x.loads.short_stances.sum(1)
+
+
+def motion_at_zero_command(x: RewardInput) -> torch.Tensor:
+    """Feet in the air and speed while the robot is asked to stand."""
+    asked_to_stand = (x.command.abs() < REST_COMMAND).all(1).float()
+    return asked_to_stand * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
+
+
+def leg_distance(x: RewardInput, *, distance: float) -> torch.Tensor:
+    """Pairs of legs whose surfaces are closer than ``distance`` [m]."""
+    return (x.body.leg_distance < distance).float().sum(1)
+
+
+def sideways_drift(x: RewardInput) -> torch.Tensor:
+    """Speed to the side, averaged over about a stride, while no turn is commanded.
+
+    A robot whose heading is held still leaves its lane where it moves a few degrees to the side of it.
     """
-    standing, growing = settings.held_width
-    command = x.command[:, 0]
-    held = torch.exp(-(command - x.running_speed).abs() / (standing + growing * command.abs()))
-    error = (x.command[:, 2] - x.running_yaw_rate).abs()
-    narrow, wide = (torch.exp(-error / width) for width in settings.fine_yaw_rates)
-    return held, 0.5 * (narrow + wide)
+    return (x.command[:, 2].abs() < STRAIGHT_ON).float() * x.running_side_speed.abs()
 
 
-def rewarded(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Everything paid, weighted; and the speed and yaw kernels of the paper, unweighted; ``(n,)`` each."""
-    follow, turn, onward = tracking(x, settings.angular_sharpness)
-    held, fine_turn = fine_tracking(x, settings)
-    others = (
-        settings.linear_tracking * follow
-        + settings.angular_tracking * turn
-        + settings.progress * onward
-        + settings.fine_yaw_tracking * fine_turn
-    )
-    return settings.fine_speed_tracking * held + (held * others if settings.tied else others), follow, turn
+def tilt_rate(x: RewardInput) -> torch.Tensor:
+    """Sum of the roll and pitch rates' magnitudes."""
+    return x.body.angular_velocity[:, :2].abs().sum(1)
 
 
-def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:
-    """The functions behind ``settings.penalties()``, in its order.
-
-    Raises:
-        InvalidValueError: a weight belongs to no function in ``PENALTIES``.
-    """
-    for name in settings.penalties():
-        if name not in PENALTIES:
-            raise InvalidValueError(f"rewards.{name}", name, "its function must be put into PENALTIES")
-    return tuple(PENALTIES[name] for name in settings.penalties())
+def torque(x: RewardInput) -> torch.Tensor:
+    """Squared joint torques."""
+    return x.torque.square().sum(1)
 
 
-def penalties(x: RewardInput, settings: RewardSettings, terms: Sequence[Penalty]) -> torch.Tensor:
-    """All penalties, unweighted, in the order of ``terms``: ``(n, terms)``.
-
-    Infinities and NaN of a broken environment become zero: it ends, and must not poison the batch.
-    """
-    values = torch.stack([term(x, settings) for term in terms], 1)
-    return torch.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def aggregate(positive: torch.Tensor, negative: torch.Tensor, settings: RewardSettings) -> torch.Tensor:
-    """Reward rate ``(n,)`` from the weighted tracking sum and the (negative) weighted penalty sum."""
-    if settings.aggregation == "exponential":
-        return positive * torch.exp(settings.penalty_scale * negative.clamp(min=-20.0))
-    total = positive + negative
-    return total.clamp(min=0.0) if settings.aggregation == "clipped" else total
+def load_balance(x: RewardInput) -> torch.Tensor:
+    """Variance over the joints of the share of its peak torque that each gives."""
+    return (x.torque.abs() / x.peak_torque).var(1, correction=0)

@@ -52,14 +52,8 @@ from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.environment.randomization import randomize
-from sprintlab.training.environment.rewards import (
-    Loads,
-    RewardInput,
-    aggregate,
-    penalties,
-    penalty_terms,
-    rewarded,
-)
+from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
+from sprintlab.training.environment.rewards import Loads, RewardInput, angular_tracking, linear_tracking
 from sprintlab.training.environment.stride_prior import StrideReference
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
@@ -166,10 +160,7 @@ class SprintEnvironment:
         self._default_pose, self._action_scale = tensor(robot.default_pose), tensor(robot.action_scale)
         self._stop_lower = tensor(robot.position_limits[:, 0] + robot.soft_stop.zone)
         self._stop_upper = tensor(robot.position_limits[:, 1] - robot.soft_stop.zone)
-        weights = self.settings.rewards.penalties().values()
-        self._penalties = penalty_terms(self.settings.rewards)
-        self._first_weights = tensor([weight.first for weight in weights])
-        self._second_weights = tensor([weight.second for weight in weights])
+        self._terms = RewardTerms(self.settings.reward, self.device)
         self._noise = tensor(
             [
                 getattr(noise, str(term.noise))
@@ -178,7 +169,7 @@ class SprintEnvironment:
             ]
         )
         self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
-        limits = self.settings.rewards
+        limits = self.settings.simulation
         self.engine.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
         self._draw_joint_offsets(noise.joint_offset)
 
@@ -219,7 +210,7 @@ class SprintEnvironment:
         self.lower, self.upper, self.stage, self.steady = (
             torch.zeros((), device=self.device) for _ in range(4)
         )
-        self.weights = self._first_weights.clone()
+        self.weights = self._terms.weights
         self.reward, self.time_out, self.ended_share = zeros(n), zeros(n), zeros(n)
         self.phases, self.broken_parts = zeros(n, len(PHASES)), zeros(n, len(WATCHED))
         self.chances = zeros(len(WATCHED))
@@ -269,7 +260,7 @@ class SprintEnvironment:
         self.lower.fill_(lower)
         self.stage.fill_(stage)
         self.steady.fill_(float(steady))
-        self.weights.copy_(self._first_weights * (1 - stage) + self._second_weights * stage)
+        self._terms.set_stage(stage)
 
     # --- a step ------------------------------------------------------------------------------------------
 
@@ -367,15 +358,14 @@ class SprintEnvironment:
             no_load_speed=self.no_load_speed,
             peak_torque=self.peak_torque,
         )
-        rewards = self.settings.rewards
-        weighted = penalties(inputs, rewards, self._penalties) * self.weights
-        positive, follow, turn = rewarded(inputs, rewards)
+        earned = self._terms.earned(inputs)
+        paid = earned.paid
         if self.strides is not None:
-            positive = positive + self.prior_weight * self.strides.likeness(body, self.running_speed)
-        rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
+            paid = paid + self.prior_weight * self.strides.likeness(body, self.running_speed)
+        rate = torch.nan_to_num(aggregate(paid, earned.penalties, self.settings.reward_sum))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._constrain(inputs)
-        self._log(inputs, (follow, turn, rate), ends, weighted)
+        self._log(inputs, rate, ends, earned.parts)
 
     def _constrain(self, inputs: RewardInput) -> None:
         """The share of the future that ends with this step."""
@@ -408,9 +398,9 @@ class SprintEnvironment:
     def _log(
         self,
         inputs: RewardInput,
-        rewards: tuple[torch.Tensor, torch.Tensor, torch.Tensor],
+        rate: torch.Tensor,
         ends: Ends,
-        weighted: torch.Tensor,
+        parts: torch.Tensor,
     ) -> None:
         """Add this step's means to the sums, in the order of ``_LOGGED``; read once an iteration."""
         body = inputs.body
@@ -418,7 +408,9 @@ class SprintEnvironment:
         constraints = self.settings.constraints
         fast = (self.running_speed > (constraints.fast if constraints else 1.0) * self.upper).float()[:, None]
         values = (
-            *rewards,
+            linear_tracking(inputs),
+            angular_tracking(inputs, sharpness=1.0),
+            rate,
             forward,
             (inputs.command[:, 0] - forward).abs(),
             ends.failed.float(),
@@ -433,7 +425,7 @@ class SprintEnvironment:
             *(self.phases * fast).unbind(1),
             *(self.broken_parts * fast).unbind(1),
         )
-        means = torch.cat((torch.stack(values, 1), weighted), 1)
+        means = torch.cat((torch.stack(values, 1), parts), 1)
         self._log_sums.add_(torch.nan_to_num(means).mean(0))
 
     def _learn_grid(self, ends: Ends) -> None:
@@ -671,7 +663,7 @@ class SprintEnvironment:
         return MetricBuffer(("episode_length",), values)
 
     def take_log(self) -> MetricBuffer:
-        """Means since the last call, speed percentiles and the weighted penalties."""
+        """Means since the last call, speed percentiles and the contribution of each reward term."""
         speeds = torch.stack(
             ranked_speeds(torch.nan_to_num(self.running_speed), tuple(_PERCENTILES.values()))
         )
@@ -679,5 +671,5 @@ class SprintEnvironment:
         values = torch.cat((means, speeds, self.grid_weights.mean()[None]))
         self._log_sums.zero_()
         self._logged_steps = 0
-        penalty_names = [f"penalty/{name}" for name in self.settings.rewards.penalties()]
-        return MetricBuffer((*_LOGGED, *penalty_names, *_PERCENTILES, "grid_open"), values)
+        terms = (f"reward/{name}" for name in self.settings.reward)
+        return MetricBuffer((*_LOGGED, *terms, *_PERCENTILES, "grid_open"), values)

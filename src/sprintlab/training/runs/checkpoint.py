@@ -1,17 +1,16 @@
-"""Checkpoints: PyTorch files of tensors, numbers, texts and settings, read without running any code.
+"""Checkpoints: PyTorch files of tensors, numbers and texts, read without running any code.
 
-Settings are written as the import path of their class and their fields: ``torch.load`` with ``weights_only``
-makes no object but these.
+The settings are JSON: what ``training.settings_text`` makes of them.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import pickle
-import sys
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,9 +18,12 @@ import numpy as np
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import parse_json
 from sprintlab.robots import RobotDescription, robot_fingerprint
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings_text import from_plain, to_plain
 
-CHECKPOINT_FORMAT = 5
+CHECKPOINT_FORMAT = 6
 MOST_ITERATIONS = 30_000
 """Most iterations of a run; its log holds 64 values of each."""
 _NEEDED = ("settings", "config_hash", "progress", "policy")
@@ -39,19 +41,6 @@ class Progress:
     environment_steps: int = 0
     seconds: float = 0.0
     log: list[dict[str, float]] = field(default_factory=list[dict[str, float]])
-
-
-@dataclass(frozen=True)
-class UnknownSettings:
-    """Settings whose class is not imported here: enough to export the policy, not to resume the training.
-
-    Attributes:
-        path: module and name of the class.
-        values: its fields.
-    """
-
-    path: str
-    values: Mapping[str, Any]
 
 
 def write_checkpoint(state: Mapping[str, Any], path: Path) -> None:
@@ -74,10 +63,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         SprintlabError: missing, truncated, damaged, of another format, or written by something else.
     """
     try:
-        state = cast("dict[str, Any]", _unpacked(_loaded(path)))
+        state = _loaded(path)
         state["progress"] = Progress(**state["progress"])
-        if not is_dataclass(state["settings"]):
-            raise ValueError("it has no settings of a training")
+        state["settings"] = from_plain(TrainingSettings, parse_json(state["settings"]))
     except _DAMAGED as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise SprintlabError(f"{path} is not a checkpoint or is damaged: {reason[:150]}") from error
@@ -87,15 +75,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def check_checkpoint(path: Path) -> set[str]:
     """Names of what a checkpoint holds. Raises as ``read_checkpoint``."""
     return set(read_checkpoint(path))
-
-
-def unknown_settings(settings: object) -> list[str]:
-    """Import paths of the classes within some settings that are not imported here."""
-    if isinstance(settings, UnknownSettings):
-        return [settings.path]
-    if not is_dataclass(settings):
-        return []
-    return [path for item in fields(settings) for path in unknown_settings(getattr(settings, item.name))]
 
 
 def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
@@ -142,49 +121,16 @@ def _packed(value: Any, name: str) -> Any:
         return value.item()
     if isinstance(value, torch.Tensor):
         return value.detach().cpu().clone()  # a view would be saved with all that it looks at
-    if isinstance(value, np.ndarray):
-        return {"$array": torch.from_numpy(np.array(cast("np.ndarray[Any, Any]", value)))}
     if isinstance(value, list | tuple):
         items = [_packed(item, f"{name}.{place}") for place, item in enumerate(cast("list[Any]", value))]
         return items if isinstance(value, list) else tuple(items)
-    if isinstance(value, UnknownSettings):
-        return {"$class": value.path, "fields": _packed(value.values, name)}
+    if isinstance(value, TrainingSettings):
+        return json.dumps(to_plain(value))
     if isinstance(value, Progress):
         value = vars(value)
     if isinstance(value, Mapping):
         return {key: _packed(item, f"{name}.{key}") for key, item in cast("Mapping[str, Any]", value).items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        items = {item.name: getattr(value, item.name) for item in fields(value) if item.init}
-        kind = type(value)
-        return {"$class": f"{kind.__module__}:{kind.__qualname__}", "fields": _packed(items, name)}
     raise SprintlabError(
-        f"{name} is of {type(value).__name__}, which a checkpoint cannot keep: use numbers, texts, tuples, "
-        "tensors and frozen dataclasses of these"
+        f"{name} is of {type(value).__name__}, which a checkpoint cannot keep: use numbers, texts, "
+        "lists and tensors"
     )
-
-
-def _unpacked(value: Any) -> Any:
-    """Inverse of ``_packed``."""
-    if isinstance(value, list | tuple):
-        items = [_unpacked(item) for item in cast("list[Any]", value)]
-        return items if isinstance(value, list) else tuple(items)
-    if not isinstance(value, dict):
-        return value
-    entry = cast("dict[str, Any]", value)
-    if "$array" in entry:
-        return entry["$array"].numpy()
-    known = {key: _unpacked(item) for key, item in entry.items()}
-    return _settings(known["$class"], known["fields"]) if "$class" in known else known
-
-
-def _settings(path: str, values: dict[str, Any]) -> Any:
-    """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
-    import sprintlab.training.settings  # noqa: F401  # all of this package's settings
-
-    module, _, name = path.partition(":")
-    found: Any = sys.modules.get(module)
-    for part in name.split("."):
-        found = vars(found).get(part) if hasattr(found, "__dict__") else None
-    if not (isinstance(found, type) and is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
-        return UnknownSettings(path, values)
-    return found(**values)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from sprintlab.commands import check_schedule
-from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
-from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
-from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint, unknown_settings
-from sprintlab.training.scaling import scaled_settings
+from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
 _OWN_FOLDERS = ("milestones", "tensorboard", "wandb", ".wandb")
@@ -28,70 +24,51 @@ _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """What to train, how long, and where to.
+    """A session of training: of what, how long, and where to.
 
     Attributes:
-        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
-            literal-acs: commands that follow the robot and move toward nothing; no-saturation; after other
-            papers: rlvrl, lp-acrl, after-hacl, hound, stride-prior.
-        robot: name, folder or table of the robot to train; lengths, speeds and masses of the settings are
-            scaled to it where they are BP2's. bp2 when left out.
-        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
+        settings: every choice of the run: ``training.methods.method``.
         output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
         minutes: stop after this much time in this session; the phases of the training follow it. Without
             minutes and iterations 7 on a GPU, 60 on a CPU.
         iterations: stop at this iteration of the run; at most 30,000.
-        environments: robots side by side; 32768 on a GPU and 2048, with small networks, on a CPU when left
-            out.
-        seed: of every random generator.
-        device: ``cuda:0``, ``cpu`` or ``auto``.
-        resume: go on from the checkpoint in ``output``.
+        environments: robots side by side; those of the settings when left out.
+        device: ``cuda:0``, ``cpu`` or ``auto``. On a CPU settings of the default size become small ones.
+        resume: go on from the checkpoint in ``output``, with its settings.
         save_seconds: time between checkpoints.
         milestones: keep the policy as it is at every multiple of this training time [s], as
             ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
-        keep_schedule: take the command schedule from the settings instead of the method's default.
-        keep_motor_model: take the motor model from the settings instead of the method's.
         keep_robots: put the state of every robot into the checkpoint (6 kB each): the run can then go on as
             if it had not stopped. Without, robots start from standing when it is taken up.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
         tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
         wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
         figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
-        settings: everything else; ``method``, ``environments`` and ``seed`` are put into it.
 
     Raises:
-        InvalidValueError: an unknown method or a number out of range.
+        InvalidValueError: a number out of range.
     """
 
-    method: str = "sprint"
-    robot: str | None = None
-    preset: str = "sprintlab"
+    settings: TrainingSettings = field(default_factory=TrainingSettings)
     output: Path = Path("runs/train")
     minutes: float | None = None
     iterations: int | None = None
     environments: int | None = None
-    seed: int = 0
     device: str = "auto"
     resume: bool = False
     save_seconds: float = 60.0
     milestones: float | None = None
-    keep_schedule: bool = False
-    keep_motor_model: bool = False
     keep_robots: bool = False
     fused: bool = True
     tensorboard: bool = True
     wandb: str | None = None
     figures: bool = False
-    settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(ALL_METHODS))
-        check_choice("preset", self.preset, PRESETS)
         if self.minutes is not None:
             check_positive("minutes", self.minutes, "min")
         if self.iterations is not None:
             check_range("iterations", self.iterations, 1, MOST_ITERATIONS)
-        check_range("seed", self.seed, 0, 2**32 - 1)
         check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
             self._check_milestones(self.milestones)
@@ -124,37 +101,11 @@ class TrainOptions:
         return 60.0 * (CPU_MINUTES if self.on_cpu else GPU_MINUTES)
 
     def full_settings(self) -> TrainingSettings:
-        """The settings with method, environments and seed in place."""
-        chosen = preset_settings(self.preset, self.settings)
-        if self.robot is not None:
-            chosen = scaled_settings(self.robot, chosen, preset_settings(self.preset))
-        if self.on_cpu:
-            chosen = settings_for_cpu(chosen)
-        environments = self.environments or chosen.simulation.environments
-        simulation = replace(chosen.simulation, environments=environments)
-        base = replace(chosen, simulation=simulation, seed=self.seed)
-        settings = method_settings(self.method, base)
-        if self.keep_motor_model:
-            settings = replace(settings, actuator_model=base.actuator_model)
-        return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
-
-    def check_kept(self, chosen: Mapping[str, Any], way: str) -> None:
-        """Refuse settings that the method would silently replace.
-
-        Args:
-            chosen: names of settings, and what was written for them.
-            way: how to keep one, with ``{name}`` (keep_schedule) or ``{option}`` in it.
-
-        Raises:
-            InvalidValueError: names the first of them.
-        """
-        for name, switch in (("schedule", "keep_schedule"), ("actuator_model", "keep_motor_model")):
-            if name not in chosen or getattr(self, switch):
-                continue
-            if getattr(self.full_settings(), name) != getattr(self.settings, name):
-                option = "--" + switch.replace("_", "-")
-                reason = f"method {self.method} decides it: {way.format(name=switch, option=option)}"
-                raise InvalidValueError(name, chosen[name], reason)
+        """The settings at the size that this session trains."""
+        settings = settings_for_cpu(self.settings) if self.on_cpu else self.settings
+        if self.environments is None:
+            return settings
+        return replace(settings, simulation=replace(settings.simulation, environments=self.environments))
 
 
 def check_places(options: TrainOptions, restartable: bool = False) -> None:
@@ -173,11 +124,10 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
     if checkpoint.exists() and not (options.resume or restartable):
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
-    load_robot(options.robot or options.settings.robot)
+    load_robot(options.settings.robot)
     if options.resume:
         check_checkpoint(checkpoint)
-    if not unknown_settings(options.settings.schedule):
-        check_schedule(options.settings.schedule)
+    check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
     _check_own_folders(options.output)
     if options.wandb is not None:

@@ -9,26 +9,27 @@ import stat
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
-from sprintlab.core.reading import read_text, refused_as_damaged
+from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
-from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint, unknown_settings
+from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
-from sprintlab.training.runs.run_file import RUN_FILE, resumed_text, run_text
 from sprintlab.training.runs.runner import RunLength, Runner, command_line, device_description
+from sprintlab.training.settings_text import settings_toml
 
-POLICY_NAME = "policy.onnx"
+POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
+_LONGEST_COMMAND = 2000
 
 
 def pick_device(wanted: str) -> str:
@@ -77,7 +78,7 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         try:
             if workers.leads:
                 with _stopping_cleanly(runner, options):
-                    _record(options, runner, typed or command_line())
+                    _record(options, runner)
             spent, limit = runner.progress.seconds, options.seconds()
             if limit is not None and not restartable:
                 limit += spent
@@ -90,16 +91,18 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
     return checkpoint
 
 
-def _record(options: TrainOptions, runner: Runner, typed: str) -> None:
-    """The run's file: of a run that is taken up, as it began, with what this session changes."""
-    path, iteration = options.output / RUN_FILE, runner.progress.iteration
-    text = run_text(options, runner.settings, runner.command_line)
-    if options.resume:
-        text += f"# written anew at iteration {iteration}, without the file of the beginning\n"
-        with suppress(SprintlabError, ValueError):  # the file is missing or damaged
-            begun = read_text(path)
-            if runner.settings.digest() in begun:
-                text = resumed_text(begun, options, iteration, typed)
+def _record(options: TrainOptions, runner: Runner) -> None:
+    """The run's file: every choice of it; a run that is taken up keeps the file of its beginning."""
+    path = options.output / RUN_FILE
+    if options.resume and path.is_file():
+        return
+    typed = printable(" ".join(runner.command_line.split()), _LONGEST_COMMAND)  # no control character
+    head = (
+        f"Every choice of a training; to train it again: sprintlab train --settings {RUN_FILE}",
+        f"typed: {typed}",
+        f"hash of the settings, as in the policy's contract: {runner.settings.digest()}",
+    )
+    text = "".join(f"# {line}\n" for line in head) + settings_toml(runner.settings)
     atomic_write_text(path, text)
 
 
@@ -122,10 +125,6 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
-    if unknown := unknown_settings(settings):
-        raise SprintlabError(
-            f"{checkpoint} was trained with {', '.join(unknown)}: import that module before you resume"
-        )
     words = str(saved["command_line"]) if saved else typed or command_line()
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import random
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -13,7 +12,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from sprintlab.commands import RangeGrowth, StageBlend
@@ -120,8 +118,6 @@ class Runner:
     ) -> None:
         self.length = RunLength()
         self.workers = workers or Workers()
-        random.seed(settings.seed)
-        np.random.seed(settings.seed)
         torch.set_float32_matmul_precision("high")  # TF32 in the networks
         self.settings, self.device, self.command_line = settings, device, command_line
         self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
@@ -337,11 +333,7 @@ class Runner:
 
     def _own_state(self, with_robots: bool) -> dict[str, Any]:
         """What each process has of its own: its robots and its random generators."""
-        generators = {
-            "torch": torch.get_rng_state(),
-            "numpy": np.random.get_state(),
-            "python": random.getstate(),
-        }
+        generators = {"torch": torch.get_rng_state()}
         if self.device.startswith("cuda"):
             generators["cuda"] = torch.cuda.get_rng_state(self.device)
         robots = self.environment.state() if with_robots else None
@@ -420,10 +412,6 @@ class Runner:
             self.environment.load_state(robots)
         generators = state["generators"]
         torch.set_rng_state(generators["torch"].cpu())
-        if not 0 <= generators["numpy"][2] <= len(generators["numpy"][1]):
-            raise ValueError("a random generator stands outside of its numbers")  # NumPy reads on from there
-        np.random.set_state(generators["numpy"])
-        random.setstate(generators["python"])
         if self.device.startswith("cuda") and "cuda" in generators:
             torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
 

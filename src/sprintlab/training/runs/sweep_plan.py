@@ -9,26 +9,18 @@ import itertools
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import open_regular, parse_json, read_json
-from sprintlab.training.methods import method_settings, preset_settings
-from sprintlab.training.runs.named_settings import (
-    KIND,
-    choices,
-    dashed,
-    override,
-    plain,
-    read_value,
-    split_assignment,
-)
+from sprintlab.training.methods import method
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings_text import as_text, parse_value, split_assignment, with_changes
 
 RECORD_NAME = "run.json"
 _LARGEST_LOG = 1 << 34
@@ -77,33 +69,20 @@ class RunPlan:
         variant = self.folder.parent.parent.name if self.overrides else ""
         return f"{variant} {self.method} {self.seed}" if "=" in variant else f"{self.method} {self.seed}"
 
-    def _changes(self, part: str) -> bool:
-        """Whether an override changes ``schedule`` or ``actuator_model``, which else the method decides."""
-        return any(_within(name, part) for name in self.overrides)
-
-    def base_settings(self) -> TrainingSettings:
-        """The preset's settings, the method's schedule where it is changed, and the overrides in place."""
-        settings = preset_settings(self.preset)
-        if self._changes("schedule"):
-            settings = replace(settings, schedule=method_settings(self.method, settings).schedule)
-        for name, value in self.overrides.items():
-            settings = override(settings, name, value)
-        return settings
+    def settings(self) -> TrainingSettings:
+        """The method's settings with the overrides in place."""
+        return with_changes(method(self.method, preset=self.preset, seed=self.seed), self.overrides)
 
     def options(self) -> TrainOptions:
         """The run as ``sprintlab train`` takes it."""
         return TrainOptions(
-            method=self.method,
+            settings=self.settings(),
             output=self.folder,
             minutes=self.minutes,
             iterations=self.iterations,
             environments=self.environments,
-            seed=self.seed,
             device=self.device,
             save_seconds=self.save_seconds,
-            settings=self.base_settings(),
-            keep_schedule=self._changes("schedule"),
-            keep_motor_model=self._changes("actuator_model"),
         )
 
     def digest(self) -> str:
@@ -112,16 +91,12 @@ class RunPlan:
 
     def command_line(self) -> str:
         """The ``sprintlab train`` that trains the same, for the policy's contract."""
-        words = ["sprintlab", "train", self.method, "--seed", self.seed, "--environments", self.environments]
+        words: list[Any] = ["sprintlab", "train", "bp2", "--method", self.method, "--seed", self.seed]
         words += ["--preset", self.preset] if self.preset != "sprintlab" else []
         words += ["--iterations", self.iterations, "--minutes", self.minutes]
-        words += ["--keep-motor-model"] * self._changes("actuator_model")
-        settings, overrides = self.base_settings(), dict(self.overrides)
-        if self._changes("schedule"):  # whole: what is typed does not begin with the method's
-            words += ["--keep-schedule"]
-            overrides = {name: each for name, each in overrides.items() if not _within(name, "schedule")}
-            overrides["schedule"] = _without_kinds(plain(settings.schedule))
-        return shlex.join(str(word) for word in [*words, *_typed(settings, overrides)])
+        overrides = {"simulation.environments": self.environments, **self.overrides}
+        words += [word for name, value in overrides.items() for word in ("--set", f"{name}={as_text(value)}")]
+        return shlex.join(map(str, words))
 
     def asked(self) -> dict[str, Any]:
         """What the run's record says about what was wanted."""
@@ -237,9 +212,10 @@ def _word(value: Any) -> str:
 
 
 def parse_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
-    """``["ppo.steps=8,16"]`` as a mapping to lists; errors as in ``parse_assignments``."""
+    """``["ppo.steps=8,16"]`` as a mapping to lists; errors as in ``with_changes``."""
     return {
-        name: [read_value(each) for each in _pieces(text)] for name, text in map(split_assignment, variations)
+        name: [parse_value(each) for each in _pieces(text)]
+        for name, text in map(split_assignment, variations)
     }
 
 
@@ -253,46 +229,3 @@ def _pieces(text: str) -> list[str]:
         else:
             pieces[-1] += letter
     return pieces
-
-
-def _typed(settings: Any, overrides: Mapping[str, Any]) -> list[Any]:
-    """Overrides as words of ``sprintlab train``: options, then each chosen part with its own options."""
-    named = list(_flattened(overrides))
-    chosen = {"": None, **{n: v for n, v in choices(settings) if any(_within(name, n) for name, _ in named)}}
-    words: dict[str, list[Any]] = {
-        name: [f"{name}:{dashed(type(part).__name__) if part else 'none'}"] if name else []
-        for name, part in chosen.items()
-    }
-    for name, value in named:
-        place = max((each for each in chosen if _within(name, each)), key=len)
-        if name != place:
-            words[place] += _option(name, value)
-    return [word for part in words.values() for word in part]
-
-
-def _option(name: str, value: Any) -> list[Any]:
-    outer, _, last = name.replace("_", "-").rpartition(".")
-    option = ".".join(filter(None, (outer, f"no-{last}" if value is False else last)))
-    return [f"--{option}", *(value if isinstance(value, list) else [value] * (not isinstance(value, bool)))]
-
-
-def _flattened(overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Overrides without mappings; one that sets nothing, or removes a part, keeps its name."""
-    for name, value in overrides.items():
-        if isinstance(value, dict) and value:
-            yield from _flattened({f"{name}.{part}": each for part, each in value.items()})
-        else:
-            yield name, value
-
-
-def _without_kinds(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values without the words for what kind a part is."""
-    return {
-        name: _without_kinds(value) if isinstance(value, dict) else value
-        for name, value in values.items()
-        if name != KIND
-    }
-
-
-def _within(name: str, part: str) -> bool:
-    return not part or f"{name}.".startswith(f"{part}.")

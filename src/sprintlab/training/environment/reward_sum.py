@@ -1,0 +1,94 @@
+"""The reward of a step: a run's terms with the weights of its stage, added up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+
+from sprintlab.training.environment.rewards import RewardInput
+from sprintlab.training.terms import RewardTerm
+
+PENALTY_SCALE = 0.5
+"""Factor of the penalties inside the exponential."""
+HELD = "speed_held"
+"""The term whose value multiplies those that are tied."""
+
+
+class EarnedReward(NamedTuple):
+    """What one step earns, per second.
+
+    Attributes:
+        paid: sum of the rewards ``(n,)``.
+        penalties: sum of the penalties, not positive ``(n,)``.
+        parts: contribution of each term ``(n, terms)``.
+    """
+
+    paid: torch.Tensor
+    penalties: torch.Tensor
+    parts: torch.Tensor
+
+
+class RewardTerms:
+    """The terms of a run on a device.
+
+    Args:
+        terms: by name.
+        device: of the robots.
+
+    Attributes:
+        weights: of the present stage ``(terms,)``.
+    """
+
+    def __init__(self, terms: Mapping[str, RewardTerm], device: str) -> None:
+        self._terms = tuple(terms.values())
+        self._held = tuple(terms).index(HELD) if HELD in terms else None
+        self._first, self._second = (
+            torch.tensor([term.weights[stage] for term in self._terms], dtype=torch.float32, device=device)
+            for stage in (0, 1)
+        )
+        self.weights = self._first.clone()
+
+    def set_stage(self, share: float) -> None:
+        """Blend the weights: 0 in stage I, 1 in stage II."""
+        self.weights.copy_(torch.lerp(self._first, self._second, share))
+
+    def values(self, x: RewardInput) -> torch.Tensor:
+        """All terms, unweighted ``(n, terms)``.
+
+        Infinities and NaN of a broken environment become zero: it ends, and must not poison the batch.
+        """
+        values = torch.stack([term.function(x, **term.parameters) for term in self._terms], 1)
+        return torch.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def earned(self, x: RewardInput) -> EarnedReward:
+        """What the step earns."""
+        values = self.values(x)
+        parts = list((values * self.weights).unbind(1))
+        nothing = torch.zeros_like(parts[0])
+        held = nothing if self._held is None else values[:, self._held]
+        places = range(len(parts))
+        tied = _added([parts[k] for k in places if self._terms[k].tied], nothing)
+        free = [parts[k] for k in places if self._terms[k].rewards and not self._terms[k].tied]
+        penalties = [parts[k] for k in places if not self._terms[k].rewards]
+        earned = [held * parts[k] if self._terms[k].tied else parts[k] for k in places]
+        return EarnedReward(
+            _added(free, nothing) + held * tied, _added(penalties, nothing), torch.stack(earned, 1)
+        )
+
+
+def _added(parts: Sequence[torch.Tensor], nothing: torch.Tensor) -> torch.Tensor:
+    """Their sum, one after the other: the same bits whatever stands beside them."""
+    return sum(parts[1:], parts[0]) if parts else nothing
+
+
+def aggregate(paid: torch.Tensor, penalties: torch.Tensor, how: str) -> torch.Tensor:
+    """Reward rate ``(n,)`` from both sums.
+
+    ``"exponential"`` keeps a gradient where penalties are large and never rewards an early end.
+    """
+    if how == "exponential":
+        return paid * torch.exp(PENALTY_SCALE * penalties.clamp(min=-20.0))
+    total = paid + penalties
+    return total.clamp(min=0.0) if how == "clipped" else total

@@ -1,0 +1,85 @@
+"""Terms of a run: a function with its weight and parameters side by side."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sprintlab.core.errors import InvalidValueError
+
+Parameter = bool | float | tuple[float, ...]
+
+
+def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Parameter], given: int) -> None:
+    """Refuse parameters that a function does not have, or that it needs and are missing.
+
+    Args:
+        function: of a term.
+        parameters: by name.
+        given: arguments that it gets before them.
+
+    Raises:
+        InvalidValueError: names the parameter.
+    """
+    known = dict(list(inspect.signature(function).parameters.items())[given:])
+    name = getattr(function, "__name__", str(function))
+    for parameter in parameters:
+        if parameter not in known:
+            raise InvalidValueError(
+                f"parameters.{parameter}", parameters[parameter], f"{name} has {', '.join(known) or 'none'}"
+            )
+    for parameter, declared in known.items():
+        if declared.default is declared.empty and parameter not in parameters:
+            raise InvalidValueError(f"parameters.{parameter}", None, f"{name} needs it")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardTerm:
+    """One term of the reward.
+
+    Attributes:
+        function: of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``.
+        weight: one number, or one of stage I and one of stage II; negative for a penalty.
+        parameters: of the function. Those named ``height``, ``distance``, ``speed`` and ``yaw_rates`` are
+            scaled to the robot's size.
+        tied: whether the term, a reward, is multiplied by the term ``speed_held``. Without it slow robots
+            earn more than fast ones: turning is paid at any speed, and penalties take most of what a runner
+            earns.
+
+    Raises:
+        InvalidValueError: weights of both signs, or parameters that do not fit the function.
+    """
+
+    function: Callable[..., Any]
+    weight: float | tuple[float, float]
+    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+    tied: bool = False
+
+    def __post_init__(self) -> None:
+        check_parameters(self.function, self.parameters, given=1)
+        if min(self.weights) < 0.0 and (max(self.weights) > 0.0 or self.tied):
+            allowed = "one sign in both stages, and positive where the term is tied"
+            raise InvalidValueError("weight", self.weight, allowed)
+
+    @property
+    def weights(self) -> tuple[float, float]:
+        """In stage I and in stage II."""
+        return self.weight if isinstance(self.weight, tuple) else (self.weight, self.weight)
+
+    @property
+    def rewards(self) -> bool:
+        """Whether it adds to what is paid; penalties are added up for themselves."""
+        return max(self.weights) > 0.0
+
+
+def term(
+    function: Callable[..., Any],
+    weight: float | tuple[float, float],
+    *,
+    tied: bool = False,
+    **parameters: Parameter,
+) -> RewardTerm:
+    """A reward term in one line."""
+    return RewardTerm(function=function, weight=weight, parameters=parameters, tied=tied)
