@@ -77,9 +77,10 @@ def test_no_file_hides_a_policy_that_comes_with_the_package(tmp_path, monkeypatc
 
 
 def test_a_method_is_changed_by_dotted_names():
-    settings = sl.method("baseline", {"ppo.steps": 16, "rewards.progress": 1}, robot="go1", environments=64)
+    changes = {"ppo.steps": 16, "reward.progress.weight": 1}
+    settings = sl.method("baseline", changes, robot="go1", environments=64)
     assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
-    assert settings.rewards.progress == 1.0 and settings.simulation.environments == 64
+    assert settings.reward["progress"].weight == 1.0 and settings.simulation.environments == 64
     with pytest.raises(InvalidValueError, match="sprint"):
         sl.method("sprnt")
     with pytest.raises(SprintlabError, match=r"ppo\.stepz.*did you mean ppo\.steps"):
@@ -172,7 +173,7 @@ def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
         executed(cell, names)
     assert "<pre" in names["race"]._repr_mimebundle_()["text/html"]
     assert "<iframe srcdoc=" in sl.replay([names["page"].parent])._repr_mimebundle_()["text/html"]
-    assert names["settings"].rewards.progress == 2.0
+    assert names["settings"].reward["progress"].weight == 2.0
     assert names["run"].policy.is_file() and names["run"].to_dict()["iterations"] == 2
 
 

@@ -20,6 +20,7 @@ import pytest
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.methods import method, method_settings
+from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.runs.sweep import (
     LocalCluster,
     RunStatus,
@@ -81,7 +82,8 @@ def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: di
     words = shlex.split(plan.command_line())
     assert words[:5] == ["sprintlab", "train", "bp2", "--method", "sprint"]
     changes = [words[place + 1] for place, word in enumerate(words) if word == "--set"]
-    assert with_changes(method("sprint", seed=3), changes).digest() == plan.digest()
+    again = TrainOptions(settings=with_changes(method("sprint", seed=3), changes), device="cpu")
+    assert again.full_settings().digest() == plan.digest()
 
 
 def test_a_schedule_is_the_methods_own_but_for_what_is_set(tmp_path: Path) -> None:

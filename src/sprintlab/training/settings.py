@@ -628,6 +628,7 @@ class TrainingSettings:
         _check_kinds(self)
         check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)
         check_choice("reward_sum", self.reward_sum, REWARD_SUMS)
+        check_range("seed", self.seed, 0, 2**32 - 1)
         tied = [name for name, term in self.reward.items() if term.tied]
         if tied and "speed_held" not in self.reward:
             raise InvalidValueError(f"reward.{tied[0]}.tied", True, "false without the term speed_held")
