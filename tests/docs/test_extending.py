@@ -1,13 +1,13 @@
 """The examples of docs/extending.md: run as they stand, then looked at."""
 
 import re
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-
-import sprintlab as sl
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 LONGEST = 40  # lines
@@ -83,28 +83,16 @@ def test_staircase_climbs_to_its_target(example):
     assert before.max() > 1.5
 
 
-def test_reward_term_is_among_the_penalties(example):
+def test_reward_term_stands_in_the_run(example):
     torch = pytest.importorskip("torch")
-    from sprintlab.training.environment import rewards
+    added = example("A reward term")["settings"].reward["sideways_velocity"]
+    assert added.weights == (-0.5, -2.0)
 
-    known = dict(rewards.PENALTIES)
-    try:
-        names = example("A reward term")
-        settings = names["settings"].rewards
-        assert settings.penalties()["sideways_velocity"].second == -2.0
-        scaled = names["StraightRewards"](**vars(sl.method("sprint", robot="go1").rewards))
-        assert scaled.penalties()["sideways_velocity"].second == -2.0
-        assert scaled.shortest_stride < settings.shortest_stride
-        assert set(settings.penalties()) <= set(rewards.PENALTIES)
+    class Step:
+        class body:
+            velocity = torch.tensor([[3.0, -2.0, 0.0]])
 
-        class Step:
-            class body:
-                velocity = torch.tensor([[3.0, -2.0, 0.0]])
-
-        assert rewards.PENALTIES["sideways_velocity"](Step, settings).tolist() == [4.0]
-    finally:
-        rewards.PENALTIES.clear()
-        rewards.PENALTIES.update(known)
+    assert added.function(Step, **added.parameters).tolist() == [4.0]
 
 
 def test_long_shank_is_a_robot(example):
@@ -136,7 +124,6 @@ def _through(settings, folder):
         device="cpu",
         fused=False,
         tensorboard=False,
-        keep_schedule=True,
     )
     policy = export(checkpoint, folder / "policy.onnx")
     result = evaluate_race(
@@ -159,27 +146,23 @@ def _training():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_trials", "short_replay")
-def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
-    settings = _training()(schedule=example("A command schedule")["StaircaseSchedule"]())
-    result, kept = _through(settings, tmp_path)
-    assert result.robot == "bp2" and kept["settings"].schedule.path == "example:StaircaseSchedule"
+def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
+    names = example("A command schedule")
+    monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
+    result, kept = _through(_training()(schedule=names["StaircaseSchedule"]()), tmp_path)
+    assert result.robot == "bp2" and kept["settings"].schedule == names["StaircaseSchedule"]()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_trials", "short_replay")
-def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
+def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
     _training()
-    from sprintlab.training.environment import rewards
-
-    known = dict(rewards.PENALTIES)
-    try:
-        result, kept = _through(example("A reward term")["settings"], tmp_path)
-    finally:
-        rewards.PENALTIES.clear()
-        rewards.PENALTIES.update(known)
+    names = example("A reward term")
+    monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
+    result, kept = _through(names["settings"], tmp_path)
     assert result.robot == "bp2"
-    assert any("sideways_velocity" in name for name in kept["progress"].log[0])
-    assert kept["settings"].rewards.values["sideways_velocity"].second == -2.0
+    assert "reward/sideways_velocity" in kept["progress"].log[0]
+    assert kept["settings"].reward["sideways_velocity"].weights == (-0.5, -2.0)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from sprintlab.training.runs.stopwatch import PARTS
 
 WIDTH = 79
 _STEPS_PER_MINUTE = 3000.0
-_TERMS = ("reward/", "penalty/")
+_TERMS = "reward/"
 _LEAST_TERM = 5e-4
 """A term that contributes less to the reward of a second is not shown."""
 _EXAM = (
