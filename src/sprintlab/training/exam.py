@@ -296,7 +296,7 @@ class Exam(SprintEnvironment):
         """Speed, power and feet over the last two seconds of the hold."""
         braking = self._end() - self.asked / ACCELERATION
         steady = counted * ((time > braking - STEADY) & (time <= braking))
-        each = (torch.ones_like(steady), body.velocity[:, 0], self.engine.power.sum(1))
+        each = (torch.ones_like(steady), body.velocity[:, 0], self.engine.power)
         feet = torch.cat((self.engine.contact_force[..., 2], self.engine.stance), 1)
         values = torch.cat((torch.stack(each, 1), feet), 1)
         self.steady_sums.add_(torch.where(steady[:, None] > 0.0, values, torch.zeros_like(values)))
