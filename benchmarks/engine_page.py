@@ -57,9 +57,33 @@ def throughput_table() -> str:
     return "\n".join(lines)
 
 
+def accuracy_table() -> str:
+    """What ``benchmarks/engine_accuracy.py`` found."""
+    found = json.loads((RESULTS / "accuracy.json").read_text(encoding="utf-8"))
+    worst = max(found["acceleration"].values())
+    lines = ["| | found | allowed |", "|---|---|---|"]
+    lines += [
+        f"| acceleration against `mj_forward`, 1000 states per robot, single precision | {worst:.1e} | 1e-5 |"
+    ]
+    for case, steps in _by_case(found["rebound"]).items():
+        shares = ", ".join(f"{step} {share:.1%}".replace("%", " %") for step, share in steps.items())
+        lines.append(
+            f"| rebound of BP2's leg, {case}, 2 and 4 m/s, against steps of 0.02 ms | {shares} | 10 % |"
+        )
+    return "\n".join(lines)
+
+
+def _by_case(rebound: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
+    cases = next(iter(rebound.values()))
+    return {
+        case: {step: rebound[step][case]["deviation from fine steps"] for step in rebound} for case in cases
+    }
+
+
 def page(text: str) -> str:
     """The page with its tables as the results have them."""
-    for name, table in (("running", running_table()), ("throughput", throughput_table())):
+    tables = {"running": running_table(), "accuracy": accuracy_table(), "throughput": throughput_table()}
+    for name, table in tables.items():
         pattern = rf"(<!-- {name} -->).*?(<!-- /{name} -->)"
         text = re.sub(
             pattern, lambda found, table=table: f"{found[1]}\n\n{table}\n\n{found[2]}", text, flags=re.S

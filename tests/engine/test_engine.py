@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from benchmarks.engine_accuracy import acceleration_error
 
 from sprintlab.core.errors import RobotModelError, SimulationError
 from sprintlab.engine import PAIRS, Engine, EngineOptions
@@ -38,24 +39,7 @@ def scattered(engine: Engine, height: float, speed: float = 1.0, seed: int = 0) 
 
 @pytest.mark.parametrize("name", robot_names())
 def test_accelerations_are_those_of_mujoco(name: str) -> None:
-    step, n = 1e-5, 100
-    engine = Engine(load_robot(name), options(n, 1, step), "cpu", given_torque=True)
-    engine.drag_area.zero_()
-    scattered(engine, 5.0, speed=4.0)
-    draw = np.random.default_rng(1)
-    engine.given_torque.copy_(torch.tensor(draw.normal(0, 30, engine.qvel.shape)))
-    place, speed = engine.qpos.double().numpy().copy(), engine.qvel.double().numpy().copy()
-    engine.step()
-    model = engine.mj_model
-    data, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
-    for row in range(n):
-        data.qpos, data.qvel = place[row], speed[row]
-        data.qfrc_applied[6:] = engine.given_torque[row, 6:].numpy()
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, inertia)
-        damped = inertia + 0.5 * step * np.diag(model.dof_damping)  # friction of the step's middle
-        expected = np.linalg.solve(damped, inertia @ data.qacc)
-        assert np.abs(engine.qacc[row].numpy() - expected).max() < 1e-5 * np.abs(expected).max()
+    assert acceleration_error(name) < 1e-5
 
 
 @pytest.mark.parametrize("model", ["refined", "simplified-dc", "square"])

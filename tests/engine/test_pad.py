@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from benchmarks.engine_accuracy import CASES, rebounds
 from tests.engine.pads import slide
 
 from sprintlab.engine import Engine, EngineOptions
@@ -113,3 +114,9 @@ def test_a_robot_on_a_slope_below_the_friction_angle_does_not_creep() -> None:
     for _ in range(100):
         engine.step()
     assert (engine.foot_position - before).abs().max() < 5e-4
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_an_articulated_leg_rebounds_as_with_fine_steps(case: str) -> None:
+    """2 and 4 m/s, over the band of stiffness and restitution: 10 %, with the default step."""
+    assert rebounds(0.0005, *CASES[case])["deviation from fine steps"] < 0.1
