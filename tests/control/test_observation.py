@@ -36,9 +36,11 @@ def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
         and layout.for_joints(12).input_size == 225
     )
     start = 0
-    for term in layout.for_joints(12).terms:
-        size = SIZES[term.name]
-        expected = terms[term.name] * np.array(term.scales)
+    observation = layout.for_joints(12)
+    for name in layout.terms:
+        size = SIZES[name]
+        expected = terms[name] * np.array(observation.scales(name))
+        assert observation.place(name) == slice(start, start + size)
         np.testing.assert_allclose(frame[:, start : start + size], expected, rtol=1e-12)
         start += size
     assert start == 45
@@ -87,11 +89,12 @@ def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
 @pytest.mark.parametrize(
     "settings",
     [
-        {"angular_velocity_scale": 0.0},
-        {"joint_velocity_scale": -1.0},
-        {"joint_velocity_scale": 1e308},
-        {"command_scale": (0.25, 1.0)},
-        {"command_scale": (0.25, float("nan"), 1.0)},
+        {"terms": {"angular_velocity": 0.0}},
+        {"terms": {"joint_velocity": -1.0}},
+        {"terms": {"joint_velocity": 1e308}},
+        {"terms": {"command": (0.25, 1.0)}},
+        {"terms": {"command": (0.25, float("nan"), 1.0)}},
+        {"terms": {"smell": 1.0}},
         {"history_length": 0},
         {"history_length": 1001},  # a checkpoint's 10^9 ended train --resume and export in a traceback
         {"history_length": 2.5},

@@ -45,7 +45,8 @@ def test_runtime_equals_the_loop_written_out(write_policy, contract, robot, weig
     runtime = PolicyRuntime(load_policy(write_policy()), robot)
     coefficient = low_pass_coefficient(10.0, 50.0)
     filtered, frames, previous = None, [], np.zeros(12)
-    scale = np.concatenate([term.scales for term in contract.layout.terms])
+    layout = contract.layout
+    scale = np.concatenate([layout.scales(name) for name in layout.layout.terms])
     for _ in range(12):
         measurement, command = draw_measurement(generator), generator.normal(size=3)
         value = np.concatenate(measurement)

@@ -31,8 +31,9 @@ def example(tmp_path, monkeypatch):
     return run
 
 
-def test_there_are_four_short_examples():
-    assert set(examples()) == {"A motor law", "A command schedule", "A reward term", "A robot"}
+def test_the_examples_are_short():
+    names = ["A motor law", "A command schedule", "A reward term", "An observation", "A robot"]
+    assert list(examples()) == names
     assert max(len(code.splitlines()) for code in examples().values()) < LONGEST
 
 
@@ -93,6 +94,13 @@ def test_reward_term_stands_in_the_run(example):
             velocity = torch.tensor([[3.0, -2.0, 0.0]])
 
     assert added.function(Step, **added.parameters).tolist() == [4.0]
+
+
+def test_an_observation_is_in_the_frame(example, monkeypatch):
+    from sprintlab.control import OBSERVABLES
+
+    monkeypatch.setitem(OBSERVABLES, "turn", None)  # what the example puts there goes with the test
+    assert example("An observation")["settings"].observation.for_joints(12).frame_size == 46
 
 
 def test_long_shank_is_a_robot(example):

@@ -14,8 +14,8 @@ pytest.importorskip("rsl_rl")
 import onnx
 import torch
 
-from sprintlab.control import load_policy
-from sprintlab.core.errors import PolicyFileError, SprintlabError
+from sprintlab.control import OBSERVABLES, Observable, load_policy, shipped_policy
+from sprintlab.core.errors import ContractMismatchError, PolicyFileError, SprintlabError
 from sprintlab.robots import load_robot
 from sprintlab.robots.loader import robot_table_path
 from sprintlab.training.learner.distributed import Workers
@@ -66,6 +66,22 @@ def test_a_run_goes_through_both_runtimes(exported):
     assert load_policy(exported.path, load_robot("bp2")).contract.training.config_hash == SETTINGS.digest()
 
 
+def test_a_term_of_ones_own_travels_in_the_contract(tmp_path, monkeypatch):
+    """Policies without it run on; where it is not known, those with it are refused by its name."""
+    monkeypatch.setitem(OBSERVABLES, "turn", Observable(lambda x: x.angular_velocity[..., 2:], 1, (-1.0,)))
+    terms = {**SETTINGS.observation.terms, "turn": 0.5}
+    settings = replace(SETTINGS, observation=replace(SETTINGS.observation, terms=terms))
+    runner = Runner(settings, "cpu", "sprintlab train")
+    runner.iterate()
+    runner.save(tmp_path / "model.pt")
+    path = export_checkpoint(tmp_path / "model.pt", tmp_path / "policy.onnx").path
+    assert load_policy(path, load_robot("bp2")).layout.frame_size == 46
+    load_policy(shipped_policy(), load_robot("bp2"))
+    monkeypatch.delitem(OBSERVABLES, "turn")
+    with pytest.raises(ContractMismatchError, match="turn"):
+        load_policy(path)
+
+
 def test_a_run_shows_what_the_network_sees_and_says(exported):
     policy = load_policy(exported.path)
     seen = observe_run(policy, load_robot("bp2"))
@@ -75,7 +91,7 @@ def test_a_run_shows_what_the_network_sees_and_says(exported):
     assert begin == 28 and not seen.previous_estimate[begin - 1].any()
     np.testing.assert_allclose(
         newest[begin:, -12:],
-        policy.layout.layout.previous_action_scale * seen.action[begin - 1 : -1],
+        policy.layout.scales("previous_action")[0] * seen.action[begin - 1 : -1],
         atol=1e-6,
     )
     np.testing.assert_array_equal(seen.previous_estimate[begin:], seen.estimate[begin - 1 : -1])

@@ -16,11 +16,10 @@ from sprintlab.control.contract import make_contract as make_contract
 from sprintlab.control.filters import LowPass as LowPass
 from sprintlab.control.filters import low_pass as low_pass
 from sprintlab.control.filters import low_pass_coefficient as low_pass_coefficient
-from sprintlab.control.observation import MEASURED_TERMS as MEASURED_TERMS
-from sprintlab.control.observation import OBSERVATION_TERMS as OBSERVATION_TERMS
+from sprintlab.control.observation import OBSERVABLES as OBSERVABLES
+from sprintlab.control.observation import Observable as Observable
 from sprintlab.control.observation import Observation as Observation
 from sprintlab.control.observation import ObservationLayout as ObservationLayout
-from sprintlab.control.observation import ObservationTerm as ObservationTerm
 from sprintlab.control.observation import Proprioception as Proprioception
 from sprintlab.control.observation import fill_history as fill_history
 from sprintlab.control.observation import join_proprioception as join_proprioception

@@ -15,7 +15,7 @@ import numpy as np
 
 from sprintlab.control.calibration import CalibrationContract
 from sprintlab.control.filters import LowPass
-from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
+from sprintlab.control.observation import OBSERVABLES, Observation, ObservationLayout
 from sprintlab.control.pace import PaceContract
 from sprintlab.control.standing import StandingContract
 from sprintlab.control.turning import TurningContract
@@ -237,7 +237,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 def observation_contract(layout: Observation) -> ObservationContract:
     """What the contract says of an observation."""
-    terms = tuple(TermContract(name=term.name, scales=term.scales) for term in layout.terms)
+    terms = tuple(TermContract(name=name, scales=layout.scales(name)) for name in layout.layout.terms)
     return ObservationContract(terms=terms, history_length=layout.history_length)
 
 
@@ -245,18 +245,23 @@ def layout_from_contract(observation: ObservationContract, joints: int) -> Obser
     """Inverse of ``observation_contract``.
 
     Raises:
-        ContractMismatchError: terms, sizes or order differ from what this version builds.
+        ContractMismatchError: a term is not known to this version, or has another size.
     """
-    standard = observation_contract(ObservationLayout().for_joints(joints))
-    _require_equal("observation.terms", _term_sizes(observation), _term_sizes(standard), "this version")
     _require_equal("observation.history_order", observation.history_order, HISTORY_ORDER, "this version")
-    scales: dict[str, Any] = {
-        f"{term.name}_scale": item.scales if term.name == "command" else item.scales[0]
-        for term, item in zip(OBSERVATION_TERMS, observation.terms, strict=True)
-    }
-    layout = ObservationLayout(**scales, history_length=observation.history_length).for_joints(joints)
-    for term, possible in zip(observation.terms, layout.terms, strict=True):
-        _require_equal(f"observation.{term.name} scales", term.scales, possible.scales, "this version")
+    for term in observation.terms:
+        if term.name not in OBSERVABLES:
+            _require_equal("observation.terms", term.name, list(OBSERVABLES), "this version")
+    uniform = {term.name: term.scales[:1] * len(term.scales) == term.scales for term in observation.terms}
+    layout = ObservationLayout(
+        terms={
+            term.name: term.scales[0] if uniform[term.name] and term.scales else term.scales
+            for term in observation.terms
+        },
+        history_length=observation.history_length,
+    ).for_joints(joints)
+    for term in observation.terms:
+        size = layout.size(term.name)
+        _require_equal(f"observation.{term.name} numbers", len(term.scales), size, "this version")
     return layout
 
 
@@ -374,10 +379,6 @@ def decode_contract(text: str) -> PolicyContract:
         return msgspec.convert(content, PolicyContract)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise PolicyFileError(f"its contract cannot be read: {error}") from error
-
-
-def _term_sizes(observation: ObservationContract) -> list[str]:
-    return [f"{term.name} {len(term.scales)}" for term in observation.terms]
 
 
 class _Header(msgspec.Struct, frozen=True):

@@ -1,11 +1,13 @@
-"""What a policy sees: one frame per step, stacked over a short history.
+"""What a policy sees: one frame of named terms per step, stacked over a short history.
 
-For a robot of twelve joints a frame ``F`` has 45 numbers.
+Which terms is a choice of each run, and travels in the policy's contract. For a robot of twelve joints the
+paper's frame ``F`` has 45 numbers.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sprintlab.control.arrays import Array, namespace, where_rows
@@ -16,70 +18,89 @@ _LARGEST_SCALE = 1e6  # what a sensor can show stays finite in 32 bits
 _LONGEST_HISTORY = 1000  # frames: twenty seconds
 
 
-class TermSpecification(NamedTuple):
-    """One term of the observation: contract, buffers, networks and draws derive from it."""
+class Signals(NamedTuple):
+    """What terms of the observation are computed from; the first four are low-passed sensor readings.
 
-    name: str
-    """As in the contract, and as the argument of ``observation_frame``."""
+    Attributes:
+        angular_velocity: body frame [rad/s] ``(..., 3)``.
+        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
+        joint_position: relative to the default pose [rad] ``(..., joints)``.
+        joint_velocity: [rad/s] ``(..., joints)``.
+        command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
+        previous_action: the action of the step before ``(..., joints)``.
+    """
+
+    angular_velocity: Array
+    projected_gravity: Array
+    joint_position: Array
+    joint_velocity: Array
+    command: Array
+    previous_action: Array
+
+
+class Observable(NamedTuple):
+    """A quantity that can be a term of an observation."""
+
+    value: Callable[[Signals], Array]
+    """Its numbers ``(..., size)``."""
     size: int | None
     """Numbers; ``None``: one per joint."""
-    noise: str | None
-    """Amplitude in the training's randomization; ``None``: not measured, so neither noisy nor filtered."""
+    mirror: tuple[float, ...] | None
+    """Sign of each number in the mirror image, left for right; ``None``: those of joint angles."""
 
 
-OBSERVATION_TERMS = (
-    TermSpecification("angular_velocity", 3, "angular_velocity_noise"),
-    TermSpecification("projected_gravity", 3, "gravity_noise"),
-    TermSpecification("command", 3, None),
-    TermSpecification("joint_position", None, "joint_position_noise"),
-    TermSpecification("joint_velocity", None, "joint_velocity_noise"),
-    TermSpecification("previous_action", None, None),
-)
-"""The observation, in the order of the frame. Command: forward, sideways speed, yaw rate."""
-MEASURED_TERMS = tuple(term for term in OBSERVATION_TERMS if term.noise is not None)
-"""What sensors say, in the order of ``Proprioception``."""
+OBSERVABLES = {
+    "angular_velocity": Observable(lambda x: x.angular_velocity, 3, (-1.0, 1.0, -1.0)),
+    "projected_gravity": Observable(lambda x: x.projected_gravity, 3, (1.0, -1.0, 1.0)),
+    "command": Observable(lambda x: x.command, 3, (1.0, -1.0, -1.0)),
+    "joint_position": Observable(lambda x: x.joint_position, None, None),
+    "joint_velocity": Observable(lambda x: x.joint_velocity, None, None),
+    "previous_action": Observable(lambda x: x.previous_action, None, None),
+}
+"""By the name that runs and policy files have for it: a new one changes no file that does not name it."""
+
+Scale = float | tuple[float, ...]
 
 
-class ObservationTerm(NamedTuple):
-    """One term of the frame: its name, and the factor of each of its numbers ``(size,)``."""
-
-    name: str
-    scales: tuple[float, ...]
+def standard_terms() -> dict[str, Scale]:
+    """The paper's observation, 45 numbers for twelve joints; the command per m/s, m/s and rad/s."""
+    return {
+        "angular_velocity": 0.25,
+        "projected_gravity": 1.0,
+        "command": (0.25, 1.0, 1.0),
+        "joint_position": 1.0,
+        "joint_velocity": 0.05,
+        "previous_action": 0.5,
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationLayout:
-    """Order, scales and history of the observation.
+    """What a run observes.
 
     Attributes:
-        angular_velocity_scale: scale of the body angular velocity, per rad/s.
-        projected_gravity_scale: scale of the unit gravity vector in the body frame.
-        command_scale: scales of forward speed (per m/s), sideways speed (per m/s), yaw rate (per rad/s).
-        joint_position_scale: scale of the joint position minus the default pose, per rad.
-        joint_velocity_scale: scale of the joint velocity, per rad/s.
-        previous_action_scale: scale of the previous action.
+        terms: names of ``OBSERVABLES`` in the order of the frame, each with its factor: one for all its
+            numbers, or one for each.
         history_length: frames in the network input, oldest first.
 
     Raises:
-        InvalidValueError: a scale is not positive or above 1e6, ``command_scale`` has not three entries, or
-            the history is no positive whole number.
+        InvalidValueError: an unknown term, a factor that is not positive or above 1e6, another number of
+            factors than the term has numbers, or a history that is no positive whole number.
     """
 
-    angular_velocity_scale: float = 0.25
-    projected_gravity_scale: float = 1.0
-    command_scale: tuple[float, float, float] = (0.25, 1.0, 1.0)
-    joint_position_scale: float = 1.0
-    joint_velocity_scale: float = 0.05
-    previous_action_scale: float = 0.5
+    terms: Mapping[str, Scale] = field(default_factory=standard_terms)
     history_length: int = 5
 
     def __post_init__(self) -> None:
-        if len(self.command_scale) != 3:
-            raise InvalidValueError("command_scale", self.command_scale, "three scales: vx, vy, yaw rate")
-        for term in self.for_joints(1).terms:
-            for scale in term.scales:
-                check_positive(f"{term.name} scale", scale)
-                check_range(f"{term.name} scale", scale, 0.0, _LARGEST_SCALE)
+        for name, scale in self.terms.items():
+            if name not in OBSERVABLES:
+                raise InvalidValueError("terms", name, f"one of {', '.join(OBSERVABLES)}")
+            size = OBSERVABLES[name].size
+            if isinstance(scale, tuple) and size is not None and len(scale) != size:
+                raise InvalidValueError(f"terms.{name}", scale, f"one factor, or {size}")
+            for factor in scale if isinstance(scale, tuple) else (scale,):
+                check_positive(f"terms.{name}", factor)
+                check_range(f"terms.{name}", factor, 0.0, _LARGEST_SCALE)
         if type(self.history_length) is not int or not 1 <= self.history_length <= _LONGEST_HISTORY:
             allowed = f"a whole number from 1 to {_LONGEST_HISTORY}"
             raise InvalidValueError("history_length", self.history_length, allowed)
@@ -94,34 +115,28 @@ class Observation:
     """The observation of one robot: sizes and places of all terms."""
 
     layout: ObservationLayout
-    """Scales and history."""
+    """Terms and history."""
     joints: int
     """Actuated joints of the robot."""
 
-    @property
-    def terms(self) -> tuple[ObservationTerm, ...]:
-        """The terms in the order in which the frame holds them."""
-        found: list[ObservationTerm] = []
-        for term in OBSERVATION_TERMS:
-            scale: float | tuple[float, ...] = getattr(self.layout, f"{term.name}_scale")
-            size = self.size(term)
-            found.append(
-                ObservationTerm(term.name, tuple(scale) if isinstance(scale, tuple) else (scale,) * size)
-            )
-        return tuple(found)
-
-    def size(self, term: TermSpecification) -> int:
+    def size(self, name: str) -> int:
         """Numbers of a term."""
-        return self.joints if term.size is None else term.size
+        size = OBSERVABLES[name].size
+        return self.joints if size is None else size
+
+    def scales(self, name: str) -> tuple[float, ...]:
+        """The factor of each number of a term."""
+        scale = self.layout.terms[name]
+        return scale if isinstance(scale, tuple) else (scale,) * self.size(name)
 
     def place(self, name: str) -> slice:
-        """Where a frame holds a term."""
+        """Where a frame holds a term. Raises ``InvalidValueError`` where it does not."""
         start = 0
-        for term in OBSERVATION_TERMS:
-            if term.name == name:
-                return slice(start, start + self.size(term))
-            start += self.size(term)
-        raise InvalidValueError("term", name, "one of " + ", ".join(term.name for term in OBSERVATION_TERMS))
+        for each in self.layout.terms:
+            if each == name:
+                return slice(start, start + self.size(each))
+            start += self.size(each)
+        raise InvalidValueError("term", name, f"one of {', '.join(self.layout.terms)}")
 
     @property
     def history_length(self) -> int:
@@ -131,12 +146,17 @@ class Observation:
     @property
     def frame_size(self) -> int:
         """Numbers in one frame."""
-        return sum(self.size(term) for term in OBSERVATION_TERMS)
+        return sum(map(self.size, self.layout.terms))
+
+    @property
+    def sensor_sizes(self) -> dict[str, int]:
+        """Numbers of each sensor, by the fields of ``Proprioception``: what is noisy and low-passed."""
+        return dict(zip(Proprioception._fields, (3, 3, self.joints, self.joints), strict=True))
 
     @property
     def measured_size(self) -> int:
-        """Numbers that come from sensors: those that are noisy and low-passed."""
-        return sum(self.size(term) for term in MEASURED_TERMS)
+        """Numbers of all sensors together."""
+        return sum(self.sensor_sizes.values())
 
     @property
     def input_size(self) -> int:
@@ -201,28 +221,18 @@ def observation_frame(
     joint_velocity: Array,
     previous_action: Array,
 ) -> Array:
-    """One scaled frame ``(..., F)`` in the order of ``OBSERVATION_TERMS``.
-
-    Args:
-        layout: order and scales.
-        angular_velocity: body frame [rad/s] ``(..., 3)``.
-        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
-        command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
-        joint_position: relative to the default pose [rad] ``(..., joints)``.
-        joint_velocity: [rad/s] ``(..., joints)``.
-        previous_action: the action of the step before ``(..., joints)``.
-    """
-    xp = namespace(angular_velocity, command, joint_position)
-    scaled_command = [command[..., i : i + 1] * scale for i, scale in enumerate(layout.command_scale)]
-    parts = (
-        angular_velocity * layout.angular_velocity_scale,
-        projected_gravity * layout.projected_gravity_scale,
-        *scaled_command,
-        joint_position * layout.joint_position_scale,
-        joint_velocity * layout.joint_velocity_scale,
-        previous_action * layout.previous_action_scale,
+    """One scaled frame ``(..., F)`` of the layout's terms; the arguments are those of ``Signals``."""
+    signals = Signals(
+        angular_velocity, projected_gravity, joint_position, joint_velocity, command, previous_action
     )
-    return xp.concat(parts, axis=-1)
+    parts = list[Array]()
+    for name, scale in layout.terms.items():
+        value = OBSERVABLES[name].value(signals)
+        if isinstance(scale, tuple):
+            parts += [value[..., place : place + 1] * factor for place, factor in enumerate(scale)]
+        else:
+            parts.append(value * scale)
+    return namespace(command).concat(parts, axis=-1)
 
 
 def push_history(history: Array, frame: Array) -> Array:

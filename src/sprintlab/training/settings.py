@@ -188,7 +188,7 @@ class RandomizationSettings:
         clock: factor of the policy's period, drawn once an environment: gaits that count policy steps do not
             fit all of them.
         angular_velocity_noise: uniform, symmetric [rad/s].
-        gravity_noise: on the unit vector.
+        projected_gravity_noise: on the unit vector.
         joint_position_noise: [rad].
         joint_offset: by which an encoder's zero is off, either way, drawn once a joint [rad].
         joint_velocity_noise: [rad/s].
@@ -215,7 +215,7 @@ class RandomizationSettings:
     delay_jitter: float = 0.0025
     clock: Interval = (0.9, 1.1)
     angular_velocity_noise: float = 0.15
-    gravity_noise: float = 0.02
+    projected_gravity_noise: float = 0.02
     joint_position_noise: float = 0.01
     joint_offset: float = 0.02
     joint_velocity_noise: float = 0.8
@@ -242,7 +242,7 @@ class RandomizationSettings:
             drag_area=(0.15, 0.15), slope=0.0, payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
             bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
             delay_jitter=0.0, clock=(1.0, 1.0), joint_offset=0.0, angular_velocity_noise=0.0,
-            gravity_noise=0.0, joint_position_noise=0.0, joint_velocity_noise=0.0, push_speed=0.0,
+            projected_gravity_noise=0.0, joint_position_noise=0.0, joint_velocity_noise=0.0, push_speed=0.0,
         )  # fmt: skip
 
 

@@ -23,7 +23,6 @@ from sprintlab.commands import (
 )
 from sprintlab.control import (
     ESTIMATE_SIZE,
-    MEASURED_TERMS,
     LowPass,
     Proprioception,
     join_proprioception,
@@ -161,13 +160,8 @@ class SprintEnvironment:
         self._stop_lower = tensor(robot.position_limits[:, 0] + robot.soft_stop.zone)
         self._stop_upper = tensor(robot.position_limits[:, 1] - robot.soft_stop.zone)
         self._terms = RewardTerms(self.settings.reward, self.device)
-        self._noise = tensor(
-            [
-                getattr(noise, str(term.noise))
-                for term in MEASURED_TERMS
-                for _ in range(self.observation.size(term))
-            ]
-        )
+        sizes = self.observation.sensor_sizes
+        self._noise = tensor([getattr(noise, f"{name}_noise") for name in sizes for _ in range(sizes[name])])
         self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
         limits = self.settings.simulation
         self.engine.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import torch
 
-from sprintlab.control import Observation
+from sprintlab.control import OBSERVABLES, Observation
 
 _OTHER_SIDE = (1, 0, 3, 2)
 """Leg on the other side of each of FL, FR, RL, RR."""
@@ -74,16 +74,9 @@ def joint_mirror(joints: int) -> Mirror:
 
 def frame_mirror(observation: Observation) -> Mirror:
     """Of one frame of the observation."""
-    joints = joint_mirror(observation.joints)
-    terms = {
-        "angular_velocity": signed(-1.0, 1.0, -1.0),
-        "projected_gravity": signed(1.0, -1.0, 1.0),
-        "command": signed(1.0, -1.0, -1.0),
-        "joint_position": joints,
-        "joint_velocity": joints,
-        "previous_action": joints,
-    }
-    return Mirror((), ()).joined(*(terms[term.name] for term in observation.terms))
+    signs = (OBSERVABLES[name].mirror for name in observation.layout.terms)
+    terms = (joint_mirror(observation.joints) if each is None else signed(*each) for each in signs)
+    return Mirror((), ()).joined(*terms)
 
 
 ESTIMATE_MIRROR = signed(1.0, -1.0, 1.0, 1.0).joined(legs_mirror((1.0,)))
