@@ -33,6 +33,8 @@ def test_the_run_of_a_log_is_taken_as_it_is(tmp_path):
     assert len(run.fix_time) == 10 and len(run.command_time) == 50
     np.testing.assert_allclose(run.command[:, 0], 3.0)
     assert run.trial.trajectory.time[-1] == pytest.approx(0.996, abs=0.003)
+    unknown = ("pad_deflection", "foot_force", "mean_duty", "stance_time", "slip_per_step")
+    assert all(np.isnan(getattr(run.trial.metrics, name)) for name in unknown)  # no sensor in the feet
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,10 @@ def _trial(
         pad_deflection=nan,
         smallest_leg_distance=nan,
         slip_per_step=nan,
+        foot_force=nan,
         duty_factor=(nan,) * len(robot.leg_names),
+        mean_duty=nan,
+        load_share=(nan,) * len(robot.leg_names),
     )
     active = np.abs(trajectory.command[:, 0]) > 1e-9
     if active.any():
