@@ -136,23 +136,42 @@ def test_command_of_the_pages_works(page, words, workplace, monkeypatch):
         assert program in SHELL, f"{page.name}: no test knows what to do with: {' '.join(words)}"
 
 
+def mentioned():
+    """Commands with options in running text: ``(command words, options)``."""
+    for page in (*PAGES, ROOT / "src/sprintlab/robots/README.md"):
+        for line in re.findall(r"`sprintlab ([a-z][^`]*)`", page.read_text(encoding="utf-8")):
+            words = line.split()
+            command = words[: 2 if words[0] in ("motor", "robot") else 1]
+            yield tuple(command), tuple(word for word in words if word.startswith("--"))
+
+
+@pytest.mark.parametrize(("command", "options"), sorted(set(mentioned())))
+def test_commands_that_the_text_mentions_have_those_options(command, options):
+    with redirect_stdout(io.StringIO()) as output, pytest.raises(SystemExit):
+        main([*command, "--help"])
+    assert all(re.search(rf"{option}\b", output.getvalue()) for option in options), options
+
+
 def check_sprintlab(arguments):
     if any(arguments[: len(quick)] == list(quick) for quick in QUICK):
         with redirect_stdout(io.StringIO()) as output:
             assert main(arguments) == 0
         assert output.getvalue().strip()
-    elif arguments[:1] == ["train"] and len(arguments) > 1:
-        check_training(arguments[1:])
     else:
-        assert parses(lambda: parse(arguments))
+        parsed = []
+        assert parses(lambda: parsed.append(parse(arguments)))
+        if arguments[:1] == ["train"] and parsed:
+            check_training(parsed[0])
 
 
-def check_training(arguments):
+def check_training(command):
+    """The settings that are changed have these names and may hold these values."""
     if importlib.util.find_spec("torch") is None:
         pytest.skip("needs the extra train")
-    from sprintlab.cli.train import parse_training
+    from sprintlab.training.methods import method
+    from sprintlab.training.settings_text import with_changes
 
-    assert parses(lambda: parse_training(arguments))
+    with_changes(method(command.method, robot=command.robot, preset=command.preset), command.set)
 
 
 def parses(action):
