@@ -14,7 +14,8 @@ WAIST, BP2 = load_robot("bp2-waist"), load_robot("bp2")
 
 def test_a_state_of_another_robot_is_implausible() -> None:
     monitor = StateMonitor(WAIST, SafetySettings())
-    assert monitor.accept(make_state(), 0.0) == [Fault.STATE_IMPLAUSIBLE]
+    for state in (make_state(), make_state(joint_position=np.zeros(13))):
+        assert monitor.accept(state, 0.0) == [Fault.STATE_IMPLAUSIBLE]
     assert monitor.last is None
 
 

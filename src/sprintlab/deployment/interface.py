@@ -235,12 +235,8 @@ class ControlTick(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False)
 
 
 class RunLog(Protocol):
-    """Where the control thread puts its ticks; ``write`` never waits for a disk."""
+    """Where the control thread puts its ticks."""
 
     def write(self, tick: ControlTick) -> None:
-        """Keep one tick."""
-        ...
-
-    def close(self) -> None:
-        """Finish the file; a second call does nothing."""
+        """Keep one tick; never waits for a disk."""
         ...

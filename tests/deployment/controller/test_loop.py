@@ -212,14 +212,6 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     assert data["compute"]["count"] == report.steps and data["policy_step"]["max"] is None
 
 
-def test_a_bus_of_another_session_is_refused(start):
-    controller, bus = start(Sleeper())
-    bus.session = controller.session ^ 1
-    with pytest.raises(InvalidValueError, match=r"bus\.session"):
-        run_loop(controller, bus, LoopOptions(priority=None, duration=0.1))
-    assert bus.sent == []
-
-
 def test_an_attended_loop_waits_for_its_operator(start):
     controller, bus = start(Sleeper())
     asked = lambda: int(len(bus.sent) > 500)  # noqa: E731

@@ -7,7 +7,7 @@ over DDS. Everybody in a DDS network can drive a robot in it.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
@@ -67,15 +67,8 @@ def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
         BusError: no robot is there, or another controller drives it.
         SprintlabError: a package is missing.
     """
-    parsed, session = parse_address(address), session or new_session()
-    if parsed.carrier == "shm":
-        from sprintlab.deployment.bus.shared_memory import SharedMemoryInterface
-
-        return SharedMemoryInterface(parsed, session)
-    require_package("cyclonedds", extra="unitree", use="unitree://")
-    from sprintlab.deployment.bus.unitree_bus import UnitreeInterface
-
-    return UnitreeInterface(parsed, session)
+    parsed = parse_address(address)
+    return _carrier(parsed).Interface(parsed, session or new_session())
 
 
 def open_endpoint(address: str) -> RobotEnd:
@@ -87,11 +80,16 @@ def open_endpoint(address: str) -> RobotEnd:
         SprintlabError: a package is missing.
     """
     parsed = parse_address(address)
-    if parsed.carrier == "shm":
-        from sprintlab.deployment.bus.shared_memory import SharedMemoryEndpoint
+    return _carrier(parsed).Endpoint(parsed)
 
-        return SharedMemoryEndpoint(parsed)
-    require_package("cyclonedds", extra="unitree", use="unitree://")
-    from sprintlab.deployment.bus.unitree_bus import UnitreeEndpoint
 
-    return UnitreeEndpoint(parsed)
+def _carrier(address: BusAddress) -> Any:
+    """The module of a carrier, with the classes of both ends."""
+    if address.carrier == "unitree":
+        require_package("cyclonedds", extra="unitree", use="unitree://")
+        from sprintlab.deployment.bus import unitree_bus
+
+        return unitree_bus
+    from sprintlab.deployment.bus import shared_memory
+
+    return shared_memory

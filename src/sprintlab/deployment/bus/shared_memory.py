@@ -107,7 +107,7 @@ class _Mapped(BusEnd):
         return self._closed or bool(self._words[self._peer_word])
 
 
-class SharedMemoryInterface(_Mapped, ControllerEnd):
+class Interface(_Mapped, ControllerEnd):
     """The controller's end in shared memory.
 
     Raises:
@@ -134,7 +134,7 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         self._lock.release()
 
 
-class SharedMemoryEndpoint(_Mapped, RobotEnd):
+class Endpoint(_Mapped, RobotEnd):
     """The robot's end in shared memory; it makes the file, and removes it when closed.
 
     Raises:

@@ -146,7 +146,7 @@ class _DdsEnd(BusEnd):
             self._writers[channel].write(packet)
 
 
-class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
+class Interface(_DdsEnd, UnitreeControllerEnd):
     """The controller's end over DDS.
 
     Raises:
@@ -201,7 +201,7 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
             )
 
 
-class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
+class Endpoint(_DdsEnd, UnitreeRobotEnd):
     """The robot's end over DDS; raises ``BusError`` where a robot is there already."""
 
     def __init__(self, address: BusAddress) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.bus.ends import ControllerEnd
 from sprintlab.deployment.controller.controller import Controller
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
@@ -81,17 +80,12 @@ class LoopReport:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form; durations in microseconds."""
-        grant = self.grant
+        names = ("steps", "policy_steps", "deadline_misses", "skipped", "refused", "end")
         return {
-            "memory_locked": grant.memory_locked if grant else None,
-            "priority": grant.priority if grant else None,
-            "steps": self.steps,
-            "policy_steps": self.policy_steps,
-            "deadline_misses": self.deadline_misses,
-            "skipped": self.skipped,
-            "refused": self.refused,
+            "memory_locked": self.grant.memory_locked if self.grant else None,
+            "priority": self.grant.priority if self.grant else None,
             "duration": round(self.duration, 3),
-            "end": self.end,
+            **{name: getattr(self, name) for name in names},
             "microseconds": {
                 "policy_step": self.policy.to_dict(),
                 "compute": self.compute.to_dict(),
@@ -119,18 +113,15 @@ def run_loop(
 
     Args:
         controller: the controller to run.
-        bus: the controller's end; not closed here.
+        bus: the controller's end, opened for its session; not closed here.
         options: clock and end.
         log: takes every step.
         interrupted: number of times the user has asked to end so far.
         status: told ten times a second how things stand.
-
-    Raises:
-        InvalidValueError: the bus was opened for another session than the controller's.
     """
-    if bus.session != controller.session:
-        raise InvalidValueError("bus.session", bus.session, f"the controller's, {controller.session}")
-    loop = _Loop(controller, bus, options, log, interrupted, status)
+    loop = _Loop(
+        controller=controller, bus=bus, options=options, log=log, interrupted=interrupted, status=status
+    )
     if options.lock_step:
         loop.run(loop.run_lock_step)
     else:
@@ -141,31 +132,30 @@ def run_loop(
     return loop.report
 
 
+@dataclass(kw_only=True)
 class _Loop:
-    def __init__(
-        self,
-        controller: Controller,
-        bus: ControllerEnd,
-        options: LoopOptions,
-        log: RunLog | None,
-        interrupted: Callable[[], int],
-        status: Status,
-    ) -> None:
-        self.report = LoopReport()
-        self._controller, self._bus, self._options = controller, bus, options
-        self._log, self._interrupted, self._status = log, interrupted, status
-        self._next_status = self._free_at = 0.0
-        self._was_active = False
-        self._stopped_at: float | None = None
-        self._answer_sent: JointCommand | None = None
-        self._answered = 0  # sequence of the state
+    """The loop while it runs; fields as the arguments of ``run_loop``."""
+
+    controller: Controller
+    bus: ControllerEnd
+    options: LoopOptions
+    log: RunLog | None
+    interrupted: Callable[[], int]
+    status: Status
+    report: LoopReport = field(default_factory=LoopReport)
+    next_status: float = 0.0  # [s]
+    free_at: float = 0.0  # when the robot was last free of another controller [s]
+    was_active: bool = False
+    stopped_at: float | None = None  # [s]
+    answer_sent: JointCommand | None = None
+    answered: int = 0  # sequence of the state
 
     def run(self, steps: Callable[[], None]) -> None:
         """Go through the steps; whatever ends them, the robot hears a last, safe command at once."""
         try:
             steps()
         finally:
-            self._bus.send(self._controller.last_command(time.monotonic_ns()))
+            self.bus.send(self.controller.last_command(time.monotonic_ns()))
 
     def run_real_time(self) -> None:
         due = time.monotonic_ns()
@@ -173,7 +163,7 @@ class _Loop:
             time.sleep(max(due - time.monotonic_ns(), 0) * 1e-9)
             now = time.monotonic_ns()
             self.report.wake_up.add((now - due) * 1e-9)
-            self._step(now, self._drain(), self._bus.receive_fix())
+            self._step(now, self._drain(), self.bus.receive_fix())
             due += PERIOD_NS
             late = time.monotonic_ns() - due
             if late > 0:
@@ -189,7 +179,7 @@ class _Loop:
             if states:
                 heard = time.monotonic()
                 self._answer(states)
-            elif time.monotonic() - heard > self._options.patience or self._bus.peer_left:
+            elif time.monotonic() - heard > self.options.patience or self.bus.peer_left:
                 self.report.end = "the robot is gone"
             else:
                 time.sleep(_POLL)
@@ -197,52 +187,52 @@ class _Loop:
     def _answer(self, states: list[RobotState]) -> None:
         """A step; or the last answer once more to a robot that asks again, since one of the two was lost."""
         newest = states[-1]
-        if self._answer_sent is not None and newest.sequence == self._answered:
-            self._bus.send(self._answer_sent)
+        if self.answer_sent is not None and newest.sequence == self.answered:
+            self.bus.send(self.answer_sent)
             return
         # Of a controller that was slow, not deaf, the robot has asked twice: to ask again is no fault.
-        asked = {state.sequence: state for state in states if state.sequence != self._answered}
-        self._answer_sent = self._step(newest.timestamp, list(asked.values()), self._bus.receive_fix())
-        self._answered = newest.sequence
+        asked = {state.sequence: state for state in states if state.sequence != self.answered}
+        self.answer_sent = self._step(newest.timestamp, list(asked.values()), self.bus.receive_fix())
+        self.answered = newest.sequence
 
     def _drain(self) -> list[RobotState]:
-        return list(iter(self._bus.receive, None))
+        return list(iter(self.bus.receive, None))
 
     def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> JointCommand:
-        tick, report = self._controller.step(now, states, fix), self.report
-        self._bus.send(tick.command)
+        tick, report = self.controller.step(now, states, fix), self.report
+        self.bus.send(tick.command)
         report.steps, report.duration = report.steps + 1, tick.time
         report.compute.add(tick.compute_time)
         if tick.policy_step:
             report.policy_steps += 1
-            report.policy.add(self._controller.policy_time)
-        if self._log is not None:
-            self._log.write(tick)
+            report.policy.add(self.controller.policy_time)
+        if self.log is not None:
+            self.log.write(tick)
         self._watch_end(tick)
-        if tick.time >= self._next_status:
-            self._next_status = tick.time + _STATUS_PERIOD
-            self._status(self._controller, report)
+        if tick.time >= self.next_status:
+            self.next_status = tick.time + _STATUS_PERIOD
+            self.status(self.controller, report)
         return tick.command
 
     def _watch_end(self, tick: ControlTick) -> None:
         """Ask the controller to come down when the time is over, and end once it is down."""
-        options, mode = self._options, self._controller.mode
-        interruptions = self._interrupted()
+        options, mode = self.options, self.controller.mode
+        interruptions = self.interrupted()
         over = options.duration is not None and tick.time >= options.duration
         if interruptions or over:
-            self._controller.come_down(at_once=interruptions > 1)
-        self._was_active = self._was_active or mode in ACTIVE_MODES
-        self._free_at = self._free_at if self._controller.robot_obeys_another else tick.time
+            self.controller.come_down(at_once=interruptions > 1)
+        self.was_active = self.was_active or mode in ACTIVE_MODES
+        self.free_at = self.free_at if self.controller.robot_obeys_another else tick.time
         stopped = mode is Mode.STOP
-        self._stopped_at = (self._stopped_at or tick.time) if stopped else None
+        self.stopped_at = (self.stopped_at or tick.time) if stopped else None
         unattended = not options.attended or interruptions > 0 or over
-        if self._bus.peer_left:
+        if self.bus.peer_left:
             self.report.end = "the robot is gone"
         elif tick.state is None and tick.time > options.patience:
             self.report.end = "no robot answers"
-        elif mode is Mode.PASSIVE and tick.time - self._free_at > options.patience:
+        elif mode is Mode.PASSIVE and tick.time - self.free_at > options.patience:
             self.report.end = "another controller drives the robot"
-        elif mode is Mode.PASSIVE and (self._was_active or interruptions > 0 or over) and unattended:
+        elif mode is Mode.PASSIVE and (self.was_active or interruptions > 0 or over) and unattended:
             self.report.end = "passive"
-        elif self._stopped_at is not None and unattended and tick.time - self._stopped_at > _STOP_DWELL:
-            self.report.end = f"stop ({self._controller.stop_reason})"
+        elif self.stopped_at is not None and unattended and tick.time - self.stopped_at > _STOP_DWELL:
+            self.report.end = f"stop ({self.controller.stop_reason})"

@@ -97,9 +97,10 @@ class StateMonitor:
         return time - self._accepted_at >= self._settings.state_timeout - 1e-9
 
     def _refusal(self, state: RobotState) -> Fault | None:
-        last = self.last
-        if state.joint_position.shape != self._never.shape:
-            return Fault.STATE_IMPLAUSIBLE
+        last, joints = self.last, self._never.shape
+        vectors = (state.joint_position, state.joint_velocity, state.joint_torque)
+        if any(vector.shape != joints for vector in vectors) or state.angular_velocity.shape != (3,):
+            return Fault.STATE_IMPLAUSIBLE  # another robot's
         if last is not None and state.sequence == last.sequence:
             return Fault.STATE_DUPLICATE
         if last is not None and (state.sequence < last.sequence or state.timestamp <= last.timestamp):
