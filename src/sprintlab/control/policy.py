@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +23,6 @@ from sprintlab.control.contract import (
     decode_contract,
 )
 from sprintlab.control.observation import (
-    Observation,
     Proprioception,
     fill_history,
     join_proprioception,
@@ -86,8 +84,6 @@ class Policy:
         self.digest = digest
         self.layout = contract.layout
         self._session = session
-        self._outputs = [_OUTPUT, _ESTIMATE] if self.estimates else [_OUTPUT]
-        self._single: _SingleRun | None = None
 
     @property
     def estimates(self) -> bool:
@@ -109,52 +105,16 @@ class Policy:
         _check_batch("observation", observation, self.layout.input_size)
         if previous_estimate is not None and self.estimates:
             _check_batch("previous_estimate", previous_estimate, ESTIMATE_SIZE)
-        if len(observation) == 1:
-            return self._decide_one(observation, previous_estimate)
         inputs = {_INPUT: np.ascontiguousarray(observation, dtype=np.float32)}
-        if not self.estimates:
-            return Decision(_run(self._session.run, self._outputs, inputs)[0], None)
-        if previous_estimate is None:
-            previous_estimate = np.zeros((len(observation), ESTIMATE_SIZE), dtype=np.float32)
-        inputs[_PREVIOUS] = np.ascontiguousarray(previous_estimate, dtype=np.float32)
-        return Decision(*_run(self._session.run, self._outputs, inputs))
-
-    def _decide_one(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
-        if self._single is None:
-            self._single = _SingleRun(self._session, self.layout, self.estimates)
-        return self._single(observation, previous_estimate)
-
-
-class _SingleRun:
-    """One robot's step in memory that is allocated once and bound to the network."""
-
-    def __init__(self, session: Any, layout: Observation, estimates: bool) -> None:
-        self._session, self._estimates = session, estimates
-        self._observation = np.zeros((1, layout.input_size), dtype=np.float32)
-        self._previous = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
-        self._action = np.zeros((1, layout.joints), dtype=np.float32)
-        self._estimate = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
-        self._binding: Any = session.io_binding()
-        inputs, outputs = {_INPUT: self._observation}, {_OUTPUT: self._action}
-        if estimates:
-            inputs[_PREVIOUS], outputs[_ESTIMATE] = self._previous, self._estimate
-        for bind, arrays in ((self._binding.bind_input, inputs), (self._binding.bind_output, outputs)):
-            for name, array in arrays.items():
-                bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-
-    def __call__(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
-        self._observation[:] = observation
-        self._previous[:] = 0.0 if previous_estimate is None else previous_estimate
-        _run(self._session.run_with_iobinding, self._binding)
-        return Decision(self._action.copy(), self._estimate.copy() if self._estimates else None)
-
-
-def _run(step: Callable[..., Any], *arguments: Any) -> Any:
-    """One step of a network; what stops it becomes a ``PolicyFileError``."""
-    try:
-        return step(*arguments)
-    except Exception as error:  # onnxruntime's exceptions share no other base
-        raise PolicyFileError(f"the policy's network fails: {printable(error)}") from error
+        if self.estimates:
+            if previous_estimate is None:
+                previous_estimate = np.zeros((len(observation), ESTIMATE_SIZE), dtype=np.float32)
+            inputs[_PREVIOUS] = np.ascontiguousarray(previous_estimate, dtype=np.float32)
+        try:
+            given = self._session.run([_OUTPUT, _ESTIMATE] if self.estimates else [_OUTPUT], inputs)
+        except Exception as error:  # onnxruntime's exceptions share no other base
+            raise PolicyFileError(f"the policy's network fails: {printable(error)}") from error
+        return Decision(given[0], given[1] if self.estimates else None)
 
 
 class Measurement(NamedTuple):
@@ -329,15 +289,12 @@ def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = N
         ContractMismatchError: observation or estimate are not what this version builds, or the robot is
             another one.
     """
-    try:
-        return _load(path, robot)
-    except UnicodeDecodeError as error:  # the runtime decodes names and metadata when it is asked for them
-        raise PolicyFileError(f"{path} is damaged: a text in it is not UTF-8") from error
-
-
-def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Policy:
     session, digest = _open_session(Path(path))
-    text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
+    try:
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
+    except UnicodeDecodeError as error:
+        raise PolicyFileError(f"{path} is damaged: a text in it is not UTF-8") from error
     if text is None:
         raise PolicyFileError(
             f"{path} is not a sprintlab policy: its metadata has no {CONTRACT_KEY}; {_ELSEWHERE}"
@@ -350,11 +307,9 @@ def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Polic
         check_contract(contract, robot)
     check_estimate(contract)
     policy = Policy(contract, session, digest)
-    inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: policy.layout.joints}
-    if policy.estimates:
-        inputs[_PREVIOUS] = outputs[_ESTIMATE] = ESTIMATE_SIZE
-    _check_tensors(path, "input", session.get_inputs(), inputs)
-    _check_tensors(path, "output", session.get_outputs(), outputs)
+    estimate = ESTIMATE_SIZE if policy.estimates else None
+    _check_tensors(path, "input", inputs, {_INPUT: policy.layout.input_size, _PREVIOUS: estimate})
+    _check_tensors(path, "output", outputs, {_OUTPUT: policy.layout.joints, _ESTIMATE: estimate})
     return policy
 
 
@@ -402,19 +357,17 @@ def _open_session(path: Path) -> tuple[Any, str]:
     return session, hashlib.sha256(content).hexdigest()
 
 
-def _check_tensors(path: object, kind: str, tensors: Any, expected: dict[str, int]) -> None:
-    """Refuse a network whose inputs or outputs are not the expected names with these sizes."""
+def _check_tensors(path: object, kind: str, tensors: Any, sizes: dict[str, int | None]) -> None:
+    """Refuse a network whose inputs or outputs are not these names with these sizes; without one: absent."""
+    expected = {name: size for name, size in sizes.items() if size is not None}
     found = {tensor.name: (tensor.type, list(tensor.shape)) for tensor in tensors}
-    if found.keys() == expected.keys() and all(
-        _is_batch(*found[name], size) for name, size in expected.items()
-    ):
-        return
-    wanted = ", ".join(f"{name} (batch, {size}) float32" for name, size in expected.items())
-    raise PolicyFileError(f"{path}: the {kind} must be {wanted}, but the file has {found}")
-
-
-def _is_batch(kind: str, shape: list[Any], size: int) -> bool:
-    return kind == "tensor(float)" and len(shape) == 2 and not isinstance(shape[0], int) and shape[1] == size
+    right = found.keys() == expected.keys()
+    for name, (element, shape) in found.items():
+        batch = len(shape) == 2 and not isinstance(shape[0], int) and shape[1] == expected.get(name)
+        right = right and batch and element == "tensor(float)"
+    if not right:
+        wanted = ", ".join(f"{name} (batch, {size}) float32" for name, size in expected.items())
+        raise PolicyFileError(f"{path}: the {kind} must be {wanted}, but the file has {found}")
 
 
 def _check_batch(field: str, value: FloatArray, size: int) -> None:
