@@ -43,7 +43,7 @@ def test_the_feet_are_where_the_published_model_has_them(go2):
 
 
 def test_the_links_have_the_published_inertia(go2):
-    """Of the URDF; its calf and foot, with the rotor, are one body in the Menagerie."""
+    """As in the URDF; its calf and foot, with the rotor, are one body in the Menagerie."""
     mechanics = go2.mechanics
     trunk = [[0.02448, 0.00012166, 0.0014849], [0.00012166, 0.098077, -3.12e-5], [0.0014849, -3.12e-5, 0.107]]
     np.testing.assert_allclose(mechanics.trunk.inertia_matrix(), trunk, atol=2e-7)
@@ -59,7 +59,7 @@ def test_the_published_curve_of_the_motor_is_met(go2):
     assert np.abs(full_torque(go2, NO_LOAD)).max() < 0.02 * DRIVING
 
 
-def test_what_nobody_published_says_so():
+def test_what_is_unpublished_says_so():
     rows = {row.quantity: row for row in parameter_table("go2")}
     for quantity in ("pole_pairs", "q_axis_inductance", "saturation"):
         assert rows[f"motor.hip.{quantity}"].basis.startswith("unknown")

@@ -12,7 +12,7 @@ def command_start(time: Samples, command: Samples) -> float:
     """Time of the first sample whose command is to move [s], from which a run's clock counts.
 
     Args:
-        time: of every sample ``(T,)`` [s], rising.
+        time: time of every sample ``(T,)`` [s], rising.
         command: forward speed ``(T,)`` [m/s], or forward, sideways and yaw ``(T, 3)``; of the latter only the
             first two count, since a standing robot may be told to keep its heading.
 
@@ -27,7 +27,7 @@ def finish_time(time: Samples, way: Samples, distance: float) -> float:
     """When a distance was run [s], between two samples straight; ``nan`` when it never was.
 
     Args:
-        time: of every sample ``(T,)`` [s], rising.
+        time: time of every sample ``(T,)`` [s], rising.
         way: run at every sample ``(T,)`` [m].
         distance: [m].
     """
@@ -43,7 +43,7 @@ def race_clock(time: Samples, command: Samples, finish: float) -> Samples:
     """What a stopwatch shows at every sample ``(T,)`` [s]: from the first command to the finish.
 
     Args:
-        time: of every sample ``(T,)`` [s], rising.
+        time: time of every sample ``(T,)`` [s], rising.
         command: as for ``command_start``.
         finish: moment at which the distance was reached, or the last sample's [s].
     """

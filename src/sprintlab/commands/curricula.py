@@ -100,9 +100,9 @@ class PredictionGrid(SpeedGrid):
     mastered nor out of reach. Hence "after HACL". Bins are drawn by ``softmax(utility / temperature)``.
 
     Attributes:
-        width: of a bump, in bins.
-        rate: of the gradient steps, one a policy step over the bins in which a target ended.
-        temperature: of the draw.
+        width: width of a bump, in bins.
+        rate: size of the gradient steps, one a policy step over the bins in which a target ended.
+        temperature: temperature of the draw; a higher one draws more evenly.
 
     Raises:
         InvalidValueError: as ``SpeedGrid``, a number that is not positive, or a rate over one.

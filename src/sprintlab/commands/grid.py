@@ -31,8 +31,8 @@ class TargetOutcome(NamedTuple):
     Attributes:
         speed: target [m/s] ``(n,)``.
         yaw_rate: commanded [rad/s] ``(n,)``.
-        speed_error: of the target now [m/s] ``(n,)``.
-        yaw_error: of the command now [rad/s] ``(n,)``.
+        speed_error: error of the speed against the target now [m/s] ``(n,)``.
+        yaw_error: error of the yaw rate against the command now [rad/s] ``(n,)``.
         tracking: ``exp(-error^2)`` of speed and yaw rate, mean over the target's whole time; what is left of
             that time after a fall counts as zero ``(n, 2)``.
         due: the target's time is up and the robot stands ``(n,)``.

@@ -35,7 +35,7 @@ class SpeedProfile:
 
     Attributes:
         top_speed: commanded speed of the hold [m/s].
-        acceleration: of rise and fall [m/s^2].
+        acceleration: acceleration of rise and fall [m/s^2].
         hold: duration of the hold [s].
         stand: duration of the stand before the rise [s].
         rest: duration of the stand at the end [s].
@@ -91,7 +91,7 @@ class SprintProfile:
 
     Attributes:
         top_speed: greatest commanded speed [m/s].
-        acceleration: of rise and fall [m/s^2].
+        acceleration: acceleration of rise and fall [m/s^2].
         stand: duration of the stand before the start [s].
 
     Raises:

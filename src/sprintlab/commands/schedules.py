@@ -42,7 +42,7 @@ class TargetSampling:
         backward_share: share of speed targets drawn from the backward end of the range.
         yaw_share: share of draws with a yaw-rate target; the others are straight.
         yaw_limit: greatest yaw-rate target [rad/s].
-        turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
+        turn_share: share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
             paper's 1 nothing is left to run with.
         scaled_turns: whether a target is a share of the fastest turn that friction allows at the commanded
             speed. Otherwise it is clipped, as in the paper: near the top of the range nearly half of the
@@ -247,7 +247,7 @@ class TargetSchedule:
             friction: ground friction coefficient ``(n,)``.
             reset_mask: environments just reset ``(n,)``: target and command are redrawn at once.
             random: uniform in [0, 1) ``(n, 8)``.
-            weights: of the grid curriculum's bins ``(rows, columns)``; None: no grid.
+            weights: weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
             steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
                 or 0-d array.
         """

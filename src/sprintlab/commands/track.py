@@ -23,8 +23,8 @@ class PathPoint(NamedTuple):
     Attributes:
         progress: arc length of the nearest point of the path [m], from 0 to the path's length.
         offset: distance from the path [m], positive to the left (the inside of a track).
-        direction: of the path there [rad], 0 along x at the start.
-        curvature: of the path there [1/m], positive to the left.
+        direction: direction of the path there [rad], 0 along x at the start.
+        curvature: curvature of the path there [1/m], positive to the left.
     """
 
     progress: float
@@ -41,7 +41,7 @@ class Track:
     straights of 84.39 m, 400.00 m in all (World Athletics, Track and Field Facilities Manual).
 
     Attributes:
-        radius: of the bends, on the line that is run [m].
+        radius: radius of the bends, on the line that is run [m].
         straight: length of each straight [m].
 
     Raises:
@@ -92,7 +92,7 @@ def path_yaw_rate(point: PathPoint, heading: float, speed: float, *, friction: f
 
     Args:
         point: where the robot is.
-        heading: of the robot [rad], in the frame of the path's directions.
+        heading: heading of the robot [rad], in the frame of the path's directions.
         speed: commanded forward speed [m/s].
         friction: coefficient for ``|v w| <= mu g``; the default is the lowest of the evaluation.
     """

@@ -1,6 +1,6 @@
 """The policy contract: everything that must be the same on both sides of a policy file.
 
-It travels as JSON in the ONNX metadata under ``CONTRACT_KEY``; whoever runs the policy compares it with
+It travels as JSON in the ONNX metadata under ``CONTRACT_KEY``; the runtime compares it with
 the robot before the first step.
 """
 
@@ -72,7 +72,7 @@ class FilterContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     Attributes:
         proprioception_cutoff_hz: on angular velocity, gravity, joint position and velocity [Hz].
         estimate_cutoff_hz: on the estimate inside the network [Hz]; ``None`` for a policy without one. The
-            network then has a second input, its own last estimate, which whoever runs it hands back.
+            network then has a second input, its own last estimate, which the runtime hands back.
     """
 
     proprioception_cutoff_hz: float

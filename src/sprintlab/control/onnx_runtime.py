@@ -1,7 +1,7 @@
 """ONNX Runtime, kept quiet: on Linux it reports what it runs to its maker, as soon as it is imported.
 
 For that it reads and writes ``.ses`` in the folder of temporary files, where anybody may have put a pipe, at
-which it would wait for ever, or a link to a file, which it would overwrite. Who wants it all the same sets
+which it would wait for ever, or a link to a file, which it would overwrite. To have it all the same, set
 ``ORT_DISABLE_TELEMETRY=0``.
 """
 

@@ -1,4 +1,4 @@
-"""Arguments of public functions: of the kinds that a signature says, or refused by name in one sentence.
+"""Arguments of public functions: checked against the signature, and refused by name in one sentence.
 
 Without this, a speed read from JSON as text raises an obscure TypeError, sometimes after hours of work.
 """

@@ -314,7 +314,7 @@ def i2t_drive(
     bus_voltage: Array,
     model: MotorModel = "refined",
 ) -> tuple[DriveOutput, Array]:
-    """One step of ``drive_torque`` with I²t; who calls keeps the level, zero for a cold drive.
+    """One step of ``drive_torque`` with I²t; the caller keeps the level, zero for a cold drive.
 
     Args:
         motor: parameters, numbers or arrays.

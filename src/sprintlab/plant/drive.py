@@ -63,7 +63,7 @@ class SuppliedDrive:
         bus_voltage: without a battery [V].
         model: one of ``sprintlab.motors.MOTOR_MODELS``.
         battery: ``None``: the bus holds ``bus_voltage``.
-        state_of_charge: of the battery at the start [-].
+        state_of_charge: the battery's charge at the start [-].
         heat: ``None``: the windings stay as the motors' parameters say.
         winding_temperature: at the start, of a housing too [degC].
         i2t: ``None``: the peak current may flow for ever. The drives are cold at the start.

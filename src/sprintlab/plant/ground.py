@@ -17,7 +17,7 @@ FLAT_START = 1.0
 """Rough ground is flat from the field's end behind the robot to this distance ahead of its start [m]."""
 
 _BEHIND, _AHEAD, _SIDE = 4.0, 252.0, 8.0  # reach of the field: the whole profile at 16 m/s [m]
-_EDGE = 0.8  # who comes nearer to the field's edge has left it: half a robot and its leg [m]
+_EDGE = 0.8  # nearer to the field's edge a robot has left it: half a robot and its leg [m]
 _THICKNESS = 1.0  # of the field below its lowest point [m]
 
 
@@ -36,7 +36,7 @@ class Ground:
     Attributes:
         slope: rise over run, uphill positive, -0.3 to 0.3: 0.05 is 5 %.
         roughness: greatest height above and below the mean [m], 0 to 0.1.
-        seed: of the heights, >= 0.
+        seed: seed of the heights, >= 0.
 
     Raises:
         InvalidValueError: a field is outside its range.
@@ -63,7 +63,7 @@ class Ground:
 
     @property
     def angle(self) -> float:
-        """Of the slope [rad]."""
+        """Angle of the slope [rad]."""
         return math.atan(self.slope)
 
 

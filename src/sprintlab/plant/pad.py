@@ -68,7 +68,7 @@ def normal_force(law: PadLaw, deflection: float, sinking: float, timestep: float
     """Mean normal force [N] over the step around an instant, while the sinking speed stays as it is.
 
     Args:
-        law: of the pad.
+        law: constants of the pad.
         deflection: at the instant, negative above the ground [m].
         sinking: velocity into the ground [m/s].
         timestep: [s].
@@ -87,7 +87,7 @@ def friction_force(law: PadLaw, limit: float, bristle: Vector, slip: Vector) -> 
     """Force along the ground [N] and the bristle that is left [m].
 
     Args:
-        law: of the pad.
+        law: constants of the pad.
         limit: greatest force, friction coefficient times normal force [N].
         bristle: [m], as long as the foot has stuck.
         slip: velocity along the ground [m/s].
@@ -109,16 +109,16 @@ class Pads:
 
     Args:
         model: whose own contacts leave out feet and ground.
-        data: of the simulation.
+        data: state of the simulation.
         feet: names of the geoms with a pad, all spheres.
-        law: of every pad.
+        law: constants of every pad.
         friction: coefficient [-].
         rough: the ground; ``None`` where it is even.
 
     Attributes:
         friction: coefficient [-]; may be changed between steps.
         normal_force: on each foot in this step ``(feet,)`` [N].
-        deflection: of each pad at this instant, >= 0 ``(feet,)`` [m].
+        deflection: how deep each pad is pressed at this instant, >= 0 ``(feet,)`` [m].
         slid: how far each foot has slid over the ground in all ``(feet,)`` [m].
     """
 

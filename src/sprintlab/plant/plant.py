@@ -68,13 +68,14 @@ class PlantOptions:
         foot: stiffness and restitution of the feet on the ground.
         drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill, ``None`` takes
             the robot's.
-        contact_time_constant: of every other contact and of joint limits [s], at least two steps.
+        contact_time_constant: time constant of every other contact and of joint limits [s], at least
+            two steps.
         motor_model: the envelope. ``"refined"`` for every published number.
         bus_voltage: [V]; ``None`` takes the robot's. A battery replaces it.
         battery: behind the bus; ``"robot"`` is the robot's own; ``None``, as for every published number: the
             bus is stiff.
-        state_of_charge: of the battery at the start [-].
-        heat: of the windings; ``None``, as for every published number: they stay as they are.
+        state_of_charge: the battery's charge at the start [-].
+        heat: thermal model of the windings; ``None``, as for every published number: they stay as they are.
         winding_temperature: at the start, with ``heat`` [degC].
         i2t: how the drives cut overloads back; ``None``, as for every published number: not at all.
 

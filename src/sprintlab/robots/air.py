@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 AIR_DENSITY = 1.204
-"""Of dry air at 20 degC and 1013 hPa [kg/m^3]."""
+"""Density of dry air at 20 degC and 1013 hPa [kg/m^3]."""
 DRAG_AREA = 0.15
 """Drag coefficient times frontal area [m^2]: from the front, trunk and legs of BP2 show about 0.2 m^2; a
 coefficient of 0.5 to 1.0 covers rounded boxes and running people."""
@@ -20,7 +20,7 @@ def air_drag(velocity: NDArray[np.float64], drag_area: float) -> NDArray[np.floa
     """Force of still air on the trunk, ``-0.5 rho CdA |v| v`` [N].
 
     Args:
-        velocity: of the trunk in the world ``(3,)`` [m/s].
+        velocity: velocity of the trunk in the world ``(3,)`` [m/s].
         drag_area: CdA [m^2].
     """
     return -0.5 * AIR_DENSITY * drag_area * math.sqrt(velocity.dot(velocity)) * velocity

@@ -26,7 +26,7 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import RobotModelError
 
 STIFFNESS_BAND = (40e3, 160e3)
-"""Of a foot pad that its maker has not stated [N/m]: the range above, a fifth more to either side."""
+"""Stiffness of a foot pad whose maker states none [N/m]: half to twice the nominal one."""
 RESTITUTION_BAND = (0.2, 0.6)
 """Restitution of a foot pad that its maker has not stated [-]."""
 
@@ -43,7 +43,7 @@ class FootContact:
 
     Attributes:
         stiffness: [N/m], 5e3 to 1e6.
-        restitution: of the leg's effective mass, 0.15 to 0.95 [-].
+        restitution: speed after over speed before a drop of the leg's effective mass, 0.15 to 0.95 [-].
 
     Raises:
         InvalidValueError: a field is out of range.
@@ -83,7 +83,7 @@ class FootContact:
 
 
 NOMINAL_FOOT = FootContact()
-"""Of every published number."""
+"""The foot pads behind every published number."""
 
 
 def _restitution(ratio: float) -> float:

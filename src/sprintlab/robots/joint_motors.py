@@ -89,7 +89,7 @@ def match_joints(names: Sequence[str], joints: Sequence[str]) -> list[int]:
     ``FL_calf_joint``, ``robot/fl_calf`` and ``LF_KFE`` all are ``FL_knee``.
 
     Args:
-        names: of another program, any order, any number of the robot's joints.
+        names: another program's names, in any order, for any number of the robot's joints.
         joints: the robot's, such as ``FL_knee``.
 
     Raises:

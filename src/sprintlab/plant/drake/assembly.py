@@ -43,7 +43,7 @@ from sprintlab.core.errors import RobotModelError
 from sprintlab.robots import RobotDescription
 
 LINK_STIFFNESS = 200e3
-"""Of everything but the feet where it touches something [N/m]; such a touch is a fall or an audit line."""
+"""Contact stiffness of everything but the feet [N/m]; such a contact is a fall or an audit line."""
 
 _LINK_DISSIPATION = 1.0  # [s/m]
 _FLOOR_STIFFNESS = 1e12  # the foot's pad has all the compliance [N/m]
@@ -100,9 +100,9 @@ def assemble(model: mujoco.MjModel, rotors: Mapping[str, Rotor], timestep: float
     shapes may touch is decided as ``model`` decides it. ``rotors`` takes the place of its armatures.
 
     Args:
-        model: of one robot, with the changes of a trial.
+        model: compiled model of one robot, with the changes of a trial.
         rotors: by the names of the joints that have one.
-        timestep: of Drake [s].
+        timestep: Drake's time step [s].
 
     Raises:
         RobotModelError: the model has a joint or a shape that this translation does not know.
@@ -238,8 +238,8 @@ def surface_properties(stiffness: float, dissipation: float, friction: float) ->
     """How a shape pushes back.
 
     Args:
-        stiffness: of a point contact [N/m].
-        dissipation: of Hunt and Crossley [s/m].
+        stiffness: stiffness of a point contact [N/m].
+        dissipation: Hunt and Crossley's coefficient [s/m].
         friction: coefficient [-]; two equal ones give the same.
     """
     properties = ProximityProperties()
