@@ -88,9 +88,10 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Mapping:
         return isinstance(value, Mapping) and all(_fits(key, inner[0]) for key in cast("Any", value))
     if origin in (Sequence, tuple):
-        array = getattr(value, "ndim", 0) > 0  # NumPy itself is too heavy to be imported for every command
+        items = cast("Sequence[Any]", value)
+        array = getattr(items, "ndim", 0) > 0  # NumPy itself is too heavy to be imported for every command
         listed = array or (isinstance(value, Sequence) and not isinstance(value, str | bytes))
-        return listed and all(_fits(one, inner[0]) for one in value)
+        return listed and all(_fits(one, inner[0]) for one in items)
     if origin is Callable:
         return callable(value)
     if hint is bool:

@@ -268,7 +268,7 @@ def _pole_pairs(table: Mapping[str, Any]) -> int:
         raise InvalidValueError("poles", poles, "must be even; if it counts pairs, write pole_pairs")
     if poles is not None and pairs is not None and poles != 2 * pairs:
         raise InvalidValueError("poles", poles, f"contradicts pole_pairs = {pairs}: must be {2 * pairs}")
-    return int(pairs or poles // 2)
+    return int(pairs if pairs is not None else cast("int", poles) // 2)
 
 
 def _plain_number(table: Mapping[str, Any], key: str) -> float | None:
