@@ -76,12 +76,6 @@ def test_every_mismatch_is_refused_by_name(contract, robot, change, field):
     assert str(caught.value).startswith(f"{field} differs: ")
 
 
-def test_a_file_that_does_not_tell_limits_and_estimate_is_read(contract, robot):
-    data = json.loads(encode_contract(contract))
-    del data["position_limits"], data["estimate"]
-    check_contract(decode_contract(json.dumps(data)), robot)
-
-
 @pytest.mark.parametrize(
     "change",
     [

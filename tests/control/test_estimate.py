@@ -77,15 +77,6 @@ def test_the_runtime_hands_the_estimate_back(write_estimator, robot, measurement
         np.testing.assert_allclose(runtime.previous_action, action, rtol=1e-4, atol=1e-5)
 
 
-def test_a_reset_starts_from_a_zero_estimate(write_estimator, robot, measurements):
-    runtime = PolicyRuntime(load_policy(write_estimator()), robot)
-    command = np.array([1.0, 0.0, 0.0])
-    first = [runtime.step(measurement, command) for measurement in measurements]
-    runtime.reset()
-    assert runtime.last_estimate is None
-    np.testing.assert_array_equal([runtime.step(measurement, command) for measurement in measurements], first)
-
-
 def test_a_robot_that_nearly_stands_is_held_in_its_default_pose(
     write_estimator, robot, measurements, estimator_contract
 ):

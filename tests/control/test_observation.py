@@ -4,7 +4,6 @@ import pytest
 from sprintlab.control import (
     ObservationLayout,
     fill_history,
-    network_input,
     observation_frame,
     projected_gravity,
     push_history,
@@ -44,18 +43,6 @@ def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
         np.testing.assert_allclose(frame[:, start : start + size], expected, rtol=1e-12)
         start += size
     assert start == 45
-
-
-def test_history_is_oldest_first_and_starts_with_the_first_frame():
-    frames = [np.full((2, 45), float(index)) for index in range(7)]
-    history = fill_history(frames[0], 5)
-    assert history.shape == (2, 5, 45) and np.all(history == 0.0)
-    for frame in frames[1:]:
-        history = push_history(history, frame)
-    assert history[1, :, 0].tolist() == [2.0, 3.0, 4.0, 5.0, 6.0]
-    flat = network_input(history)
-    assert flat.shape == (2, 225)
-    assert flat[0, :45].tolist() == [2.0] * 45 and flat[0, -45:].tolist() == [6.0] * 45
 
 
 def test_fresh_rows_start_their_history_anew(torch):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
+from sprintlab.core.joystick import Joystick, JoystickError
 
 
 def event(kind, number, value):
@@ -82,10 +82,3 @@ def test_what_is_no_device_is_refused(tmp_path, thing):
     (tmp_path / "file").write_text("no events")
     with pytest.raises(JoystickError, match="is no gamepad"):
         Joystick(tmp_path / thing)
-
-
-def test_a_pad_is_named_by_the_system_or_by_its_device(tmp_path):
-    (tmp_path / "js0" / "device").mkdir(parents=True)
-    (tmp_path / "js0" / "device" / "name").write_text("Blue Pad 7\n")
-    assert joystick_name(Path("/dev/input/js0"), tmp_path) == "Blue Pad 7"
-    assert joystick_name(Path("/dev/input/js1"), tmp_path) == "js1"

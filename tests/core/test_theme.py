@@ -57,13 +57,6 @@ def test_both_looks_are_those_of_figures_drawn_by_themselves():
     assert png_in_both_looks(two_panels) == tuple(saved(two_panels(theme)) for theme in THEMES)
 
 
-@pytest.mark.parametrize("ending", FIRST_BYTES)
-def test_the_ending_means_the_format(tmp_path, ending):
-    path = tmp_path / f"motor.{ending}"
-    save_figure(path, drawing())
-    assert path.read_bytes().startswith(FIRST_BYTES[ending])
-
-
 @pytest.mark.parametrize("ending", ["pdf", "svg"])
 def test_the_same_drawing_gives_the_same_bytes(tmp_path, ending):
     for name in ("one", "two"):

@@ -12,9 +12,6 @@ from sprintlab.motors import (
     Gear,
     PmsmParameters,
     drive_torque,
-    joint_torque,
-    motor_speed,
-    reflected_inertia,
     saturate,
     torque_limits,
 )
@@ -33,13 +30,6 @@ def test_drive_clips_then_saturates_then_gears_up(motor, gear, desired, velocity
     shaft = float(saturate(motor, clipped))
     direction = math.tanh(velocity / TURNING_SPEED) * float(np.sign(shaft))
     assert output.torque == pytest.approx(gear.ratio * gear.efficiency**direction * shaft, rel=1e-12)
-
-
-def test_gear_turns_speed_torque_and_inertia():
-    gear = Gear(ratio=np.array([6.0, 10.0]), efficiency=np.array([1.0, 0.9]))
-    np.testing.assert_allclose(motor_speed(gear, 2.0), [12.0, 20.0])
-    np.testing.assert_allclose(joint_torque(gear, 3.0), [18.0, 27.0])
-    np.testing.assert_allclose(reflected_inertia(gear, 1e-3), [0.036, 0.1])
 
 
 @pytest.mark.parametrize(

@@ -93,20 +93,6 @@ def test_it_is_the_motor_law_with_a_lower_current_limit(model, motor, level, sha
     assert 0.0 <= after <= 1.0
 
 
-def test_numpy_and_torch_agree_and_nothing_waits_for_a_device(surrogate, torch):
-    limit = I2tLimit(continuous_current=np.array([15.0, 25.0]), time_constant=4.0)
-    decay = i2t_decay(limit, surrogate, 0.01)
-    level, desired, velocity = np.array([0.2, 0.999]), np.array([70.0, -60.0]), np.array([3.0, -8.0])
-    expected = i2t_drive(surrogate, GEAR, limit.continuous_current, level, decay, desired, velocity, 60.0)
-    tensors = [torch.as_tensor(value) for value in (level, decay, desired, velocity)]
-    actual = i2t_drive(surrogate, GEAR, limit.continuous_current, *tensors, 60.0)
-    np.testing.assert_allclose(actual[0].torque.numpy(), expected[0].torque)
-    np.testing.assert_allclose(actual[1].numpy(), expected[1])
-    nowhere = torch.zeros(2, device="meta")
-    output, after = i2t_drive(surrogate, GEAR, 15.0, nowhere, 0.99, nowhere, nowhere, 60.0)
-    assert output.torque.device.type == after.device.type == "meta"
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -80,14 +80,6 @@ def test_a_housing_as_large_as_the_world_is_one_node():
     assert housing == pytest.approx(25.0, abs=1e-5)
 
 
-def test_copper_at_100_degrees_has_31_percent_more_resistance():
-    heat = WindingHeat(reference_temperature=20.0)
-    assert resistance_factor(heat, 100.0) == pytest.approx(1.3144)
-    assert resistance_factor(heat, np.array([20.0])) == pytest.approx(1.0)
-    elsewhere = WindingHeat(reference_temperature=60.0)
-    assert resistance_factor(elsewhere, 100.0) == pytest.approx(1.3144 / (1 + 0.00393 * 40))
-
-
 @given(MOTORS, TEMPERATURES)
 def test_a_hot_motor_keeps_its_current_and_turns_faster(motor, temperature):
     heat = WindingHeat(reference_temperature=20.0, ambient_temperature=20.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError
+from sprintlab.core.errors import RobotModelError, SprintlabError
 from sprintlab.robots import ModelOptions, load_robot, robot_fingerprint, robot_spec
 from sprintlab.robots.importing import (
     JointChoice,
@@ -184,30 +184,6 @@ def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message
     with pytest.raises(RobotModelError, match=message):
         import_robot(edited(*changes), choices(), tmp_path / "robots")
     assert not (tmp_path / "robots" / "mine").exists()
-
-
-def test_motors_come_from_files_robots_and_the_library():
-    assert find_motor(MOTOR).peak_torque == 4.62
-    assert find_motor("bp2:knee").peak_torque == 15.0
-    assert find_motor("mit-mini-cheetah").pole_pairs > 0
-    with pytest.raises(InvalidValueError, match="ROBOT:JOINT"):
-        find_motor("bp2:ankle")
-
-
-@pytest.mark.parametrize(
-    ("fields", "name"),
-    [({"name": "a/b"}, "name"), ({"bus_voltage": 0.0}, "bus_voltage"), ({"joints": {}}, "joints")],
-)
-def test_bad_choices_are_refused(fields, name):
-    with pytest.raises(InvalidValueError, match=name):
-        choices(**fields)
-
-
-def test_an_unknown_choice_is_named(tmp_path):
-    path = tmp_path / "choices.toml"
-    path.write_text("[joint.hip]\nratio = 3\n", encoding="utf-8")
-    with pytest.raises(RobotModelError, match=r"unknown field joint\.hip\.ratio; choose among .*gear_ratio"):
-        read_choices(path)
 
 
 def test_the_training_configuration_is_scaled_and_valid(tmp_path):

@@ -65,17 +65,6 @@ def test_the_mass_is_exactly_36_5_kg(bp2, options):
     assert bp2.total_mass == 36.5
 
 
-def test_names_follow_the_architecture(bp2, plant):
-    for leg in bp2.leg_names:
-        for link in ("abad", "thigh", "knee", "shank"):
-            assert plant.body(f"{leg}_{link}").id > 0
-        for geom in ("foot", "thigh", "shank"):
-            assert plant.geom(f"{leg}_{geom}").id >= 0
-    assert plant.joint("root").type == mujoco.mjtJoint.mjJNT_FREE
-    assert tuple(plant.actuator(i).name for i in range(plant.nu)) == bp2.joint_names
-    assert (plant.nq, plant.nv, plant.nu) == (7 + 16, 6 + 16, 12)
-
-
 def test_joint_properties_come_from_the_description(bp2, plant):
     _, dof = joint_addresses(plant, bp2.joint_names)
     np.testing.assert_allclose(plant.dof_armature[dof], bp2.armature)
@@ -86,16 +75,6 @@ def test_joint_properties_come_from_the_description(bp2, plant):
     springs = [plant.joint(name) for name in bp2.spring_joint_names]
     assert [float(np.ravel(s.stiffness)[0]) for s in springs] == [800.0] * 4
     assert [float(np.ravel(s.damping)[0]) for s in springs] == [2.0] * 4
-
-
-def test_options_reach_the_solver(bp2):
-    options = ModelOptions(timestep=0.002, integrator="euler")
-    option = build_model(bp2, options).opt
-    assert option.timestep == 0.002
-    assert option.impratio > 10.0
-    assert option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
-    assert option.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    assert option.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
 
 
 def test_the_robot_is_its_own_mirror_image(bp2, plant):

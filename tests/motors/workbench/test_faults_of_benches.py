@@ -114,19 +114,6 @@ def test_a_flux_that_drifts_as_no_magnet_does_is_told():
         assert said(found, "no magnet's") == unsound
 
 
-def test_rows_that_stand_are_left_out_of_the_torque():
-    """Stiction of any size below the Coulomb friction, under a speed that is noise."""
-    current, speed, random = points(8)
-    stands = np.arange(len(speed)) % 3 == 0
-    noise = random.normal(0.0, 0.01, len(current))
-    torque = np.where(stands, shaft(current, 0.0 * speed) + 0.5, shaft(current, speed)) + noise
-    found = fitted(bench(current, torque, np.where(stands, random.normal(0.0, 0.1, len(speed)), speed)))
-    assert said(found, "60 of 180 rows stand still")
-    assert len(found.channels[0].rows) == 120
-    viscous = found.estimates["viscous_friction"]
-    assert abs(viscous.value - VISCOUS) < 1.6 * viscous.half_width
-
-
 def test_the_command_reads_a_log_of_another_program(tmp_path, capsys):
     """A date above the header, other names, a gear of 9 with a loss, and a load cell that reads 0.3 N m."""
     current, speed, random = points(9, largest=20.0)

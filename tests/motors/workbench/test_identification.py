@@ -164,15 +164,6 @@ def test_flux_and_resistance_are_referred_to_twenty_degrees(fit, motor, coeffici
         assert abs(found[name].value - expected[name]) < 1.6 * found[name].half_width, name
 
 
-def test_too_many_outliers_are_no_outliers(fit, motor):
-    columns = bench_columns(motor)
-    columns["torque"] = np.where(np.arange(len(columns["torque"])) % 5 < 2, 0.3, 1.0) * columns["torque"]
-    found = fit(columns, motor)
-    assert not found.trustworthy
-    with pytest.raises(SprintlabError, match="does not describe"):
-        found.motor(rotor_inertia=1e-4)
-
-
 MISTAKES = {
     "rpm as rad/s": ({"speed": 60.0 / (2.0 * math.pi)}, "speed is in rpm"),
     "rad/s as rpm": ({"speed": 2.0 * math.pi / 60.0}, "header says rpm"),
@@ -236,25 +227,6 @@ def test_needed_columns_are_named_when_missing(tmp_path, motor, missing):
     words = rf"{missing} is missing .*'{missing} \[{UNITS[missing]}\]'.*--column \"{missing}=HEADING:"
     with pytest.raises(InvalidValueError, match=words):
         load_bench(write_bench(tmp_path / "bench.csv", columns))
-
-
-@pytest.mark.parametrize(
-    ("kept", "told"),
-    [("vq", {"stator_resistance"}), ("vd", {"q_axis_inductance"}), ("power", {"stator_resistance"})],
-)
-def test_one_voltage_or_the_power_tells_its_part(fit, motor, kept, told):
-    """Without rows on the limit, v_q and the power show the resistance, v_d the inductance."""
-    columns = bench_columns(motor)
-    power = 1.5 * columns["vq"] * columns["iq"]
-    columns = {name: columns[name] for name in ("speed", "iq", "torque", kept) if name in columns}
-    if kept == "power":
-        columns["power"] = power
-    found = fit(columns, motor, {**UNITS, "power": "W"})
-    electrical = ("stator_resistance", "q_axis_inductance")
-    assert {name for name in electrical if found.estimates[name].determined} == told
-    for name in told:
-        assert found.estimates[name].value == pytest.approx(truth(motor)[name], rel=0.03)
-        assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
 
 
 @pytest.mark.parametrize("kept", ["power", "bus_voltage"])
