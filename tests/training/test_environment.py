@@ -17,16 +17,18 @@ from sprintlab.control.standing import StandingContract, StandingHold
 from sprintlab.engine import Engine, EngineOptions
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.episodes import Ends, find_ends, standing_starts
+from sprintlab.training.environment.fleet import Fleet
 from sprintlab.training.environment.kinematics import BodyState
-from sprintlab.training.environment.randomization import randomize
+from sprintlab.training.environment.randomization import default_randomization, friction, slope
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from sprintlab.training.settings import (
+    UNDISTURBED,
     EpisodeSettings,
-    RandomizationSettings,
     SimulationSettings,
     TrainingSettings,
 )
+from sprintlab.training.terms import drawn
 
 N = 16
 SIMULATION = SimulationSettings(environments=N)
@@ -37,10 +39,9 @@ ROBOT = load_robot("bp2")
 def built() -> SprintEnvironment:
     settings = TrainingSettings(
         simulation=SIMULATION,
-        randomization=RandomizationSettings().without(),
         episodes=EpisodeSettings(clone_share=0.5, fast_start_share=0.5),
     )
-    return SprintEnvironment(settings, "cpu")
+    return SprintEnvironment(settings.nominal(), "cpu")
 
 
 @pytest.fixture
@@ -233,37 +234,38 @@ def test_randomization_varies_each_field(
 
 
 def test_one_draw_is_repeatable() -> None:
-    settings = replace(RandomizationSettings(), friction=(0.7, 0.8))
-    drawn = []
+    terms = {**default_randomization(), "friction": drawn(friction, between=(0.7, 0.8))}
+    parameters = []
     for _ in range(2):
         torch.manual_seed(2)
         engine = Engine(ROBOT, EngineOptions(robots=N), "cpu")
-        randomize(engine, settings)
-        drawn.append(engine.parameters.clone())
-    assert torch.equal(*drawn)
+        Fleet(engine, terms)
+        parameters.append(engine.parameters.clone())
+    assert torch.equal(*parameters)
     assert ((engine.friction >= 0.7) & (engine.friction <= 0.8)).all()
 
 
 def test_a_slope_turns_gravity_for_the_physics_and_for_what_the_policy_sees() -> None:
     settings = TrainingSettings(
         simulation=SimulationSettings(environments=4),
-        randomization=replace(RandomizationSettings().without(), slope=0.1),
+        randomization={"slope": drawn(slope, between=(-0.1, 0.1))},
+        disturbances=UNDISTURBED,
     )
     environment = SprintEnvironment(settings, "cpu")
-    simulation, slope = environment.engine, environment.slope
-    assert len(set(slope.tolist())) == 4
-    assert slope.tan().abs().max() <= 0.1 and slope.tan().abs().max() > 0.01
+    simulation, rise = environment.engine, environment.slope
+    assert len(set(rise.tolist())) == 4
+    assert rise.tan().abs().max() <= 0.1 and rise.tan().abs().max() > 0.01
     stand = environment._standing_qpos
     simulation.qpos.copy_(stand.expand_as(simulation.qpos))
     simulation.qpos[:, 2] += 1.0
     simulation.qvel.zero_()
-    down = torch.stack((-slope.sin(), torch.zeros(4), -slope.cos()), 1)
+    down = torch.stack((-rise.sin(), torch.zeros(4), -rise.cos()), 1)
     body = environment.kinematics.read()
     torch.testing.assert_close(body.gravity, down)
     half_height = environment.robot.mechanics.trunk_half_size[2]
     torch.testing.assert_close(body.trunk_clearance, body.height - half_height)
     simulation.step()
-    torch.testing.assert_close(simulation.qvel[:, 0] / 0.02, -9.81 * slope.sin(), atol=0.01, rtol=0.01)
+    torch.testing.assert_close(simulation.qvel[:, 0] / 0.02, -9.81 * rise.sin(), atol=0.01, rtol=0.01)
 
 
 def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironment) -> None:

@@ -2,7 +2,6 @@
 
 import importlib.util
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,14 +12,13 @@ pytest.importorskip("torch")
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.training.environment.randomization import friction
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs import run as run_module
 from sprintlab.training.runs.options import check_places
 from sprintlab.training.runs.run import TrainOptions, open_run, train
-from sprintlab.training.settings import (
-    RandomizationSettings,
-    TrainingSettings,
-)
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.terms import drawn
 
 
 @pytest.mark.parametrize(
@@ -92,10 +90,10 @@ def test_a_strangers_folder_does_not_say_where_curves_are_sent(folder, tmp_path,
         check_places(TrainOptions(output=tmp_path / "run", device="cpu", wandb="speed"))
 
 
-@pytest.mark.parametrize("name", ["friction", "drag_area", "payload", "delay", "foot_stiffness"])
-def test_what_is_drawn_has_an_upper_bound(name):
-    with pytest.raises(InvalidValueError, match=name):
-        replace(RandomizationSettings(), **{name: (0.1, np.inf)})
+@pytest.mark.parametrize("between", [(0.1, np.inf), (0.2, 0.1)])
+def test_what_is_drawn_lies_between_two_ends(between):
+    with pytest.raises(InvalidValueError, match="between"):
+        drawn(friction, between=between)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")

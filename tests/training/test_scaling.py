@@ -28,7 +28,10 @@ def test_the_sole_swings_at_the_same_share_of_the_leg():
 
 
 def test_payload_goes_with_mass():
-    light, heavy = scaled_settings("go2").randomization.payload, TrainingSettings().randomization.payload
+    light, heavy = (
+        settings.randomization["payload"].parameters["mass"]
+        for settings in (scaled_settings("go2"), TrainingSettings())
+    )
     share = load_robot("go2").total_mass / load_robot("bp2").total_mass
     assert light == pytest.approx([share * end for end in heavy])
 

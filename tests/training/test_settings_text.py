@@ -7,6 +7,7 @@ import pytest
 from sprintlab.commands import UniformSchedule
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import parse_toml
+from sprintlab.training.environment import rewards
 from sprintlab.training.methods import ALL_METHODS, method
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import from_plain, read_settings, settings_toml, with_changes
@@ -56,3 +57,21 @@ def test_a_file_changes_what_it_names(tmp_path) -> None:
 def test_a_refusal_names_the_setting(change: str, words: str) -> None:
     with pytest.raises(SprintlabError, match=words):
         with_changes(method(), [change])
+
+
+def test_terms_are_changed_added_and_taken_away_by_name() -> None:
+    changes = ["reward.progress.weight=2", "reward.foot_clearance.height=0.2", "reward.touchdown=none"]
+    changes += [
+        "reward.torque={function = 'torque', weight = [0, -1e-4]}",
+        "randomization.friction.between=[1, 1]",
+    ]
+    changed = with_changes(method(), changes)
+    assert changed.reward["progress"].weights == (2.0, 2.0)
+    assert changed.reward["foot_clearance"].parameters == {"height": 0.2}
+    assert "touchdown" not in changed.reward
+    assert changed.reward["torque"].function is rewards.torque
+    assert changed.randomization["friction"].parameters == {"between": (1.0, 1.0)}
+    with pytest.raises(SprintlabError, match=r"reward\.progress\.height = 1\.0.*progress has speed"):
+        with_changes(method(), ["reward.progress.height=1"])
+    with pytest.raises(SprintlabError, match=r"reward\.effort.*must say all of function"):
+        with_changes(method(), ["reward.effort.weight=1"])

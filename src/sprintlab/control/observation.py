@@ -225,7 +225,7 @@ def observation_frame(
     signals = Signals(
         angular_velocity, projected_gravity, joint_position, joint_velocity, command, previous_action
     )
-    parts = list[Array]()
+    parts: list[Array] = []  # not list[Array](), which PyTorch cannot compile
     for name, scale in layout.terms.items():
         value = OBSERVABLES[name].value(signals)
         if isinstance(scale, tuple):

@@ -169,7 +169,7 @@ class Exam(SprintEnvironment):
 
     def __init__(self, settings: TrainingSettings, device: str, actor: Actor, fused: bool = True) -> None:
         simulation = replace(settings.simulation, environments=ROBOTS * len(GROUPS))
-        own = replace(settings, simulation=simulation, randomization=settings.randomization.without())
+        own = replace(settings.nominal(), simulation=simulation)
         gpus = [torch.device(device)] if device.startswith("cuda") else []
         with torch.random.fork_rng(gpus):
             super().__init__(own, device, fused=False)

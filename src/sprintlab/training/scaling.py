@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.terms import Parameter, RewardTerm
+from sprintlab.training.terms import Parameter, RandomizationTerm, RewardTerm
 
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
@@ -48,14 +49,14 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
         "distance": lambda distance: length * distance,
         "speed": lambda value: speed * value,
         "yaw_rates": lambda rate: rate / speed,
+        "mass": lambda value: mass * value,
     }
-    simulation, randomization, stages = base.simulation, base.randomization, base.stages
+    simulation, stages = base.simulation, base.stages
     episodes, constraints = base.episodes, base.constraints
     if constraints is not None:
         legs = constraints.legs
         legs = replace(legs, limit=length * legs.limit, full=length * legs.full)
         constraints = replace(constraints, legs=legs)
-    lowest, highest = randomization.payload
     margin = stages.record_margin
     return replace(
         base,
@@ -67,11 +68,7 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
             shortest_stride=speed * simulation.shortest_stride,
             shortest_stance=speed * simulation.shortest_stance,
         ),
-        randomization=replace(
-            randomization,
-            payload=(mass * lowest, mass * highest),
-            center_of_mass=length * randomization.center_of_mass,
-        ),
+        randomization={name: _scaled_term(term, scales) for name, term in base.randomization.items()},
         episodes=replace(
             episodes,
             leg_distance_limit=length * episodes.leg_distance_limit,
@@ -89,8 +86,11 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
     )
 
 
-def _scaled_term(term: RewardTerm, scales: Mapping[str, Callable[[float], float]]) -> RewardTerm:
-    """A reward term whose parameters of a known name are scaled."""
+Term = TypeVar("Term", RewardTerm, RandomizationTerm)
+
+
+def _scaled_term(term: Term, scales: Mapping[str, Callable[[float], float]]) -> Term:
+    """A term whose parameters of a known name are scaled."""
 
     def scaled(name: str, value: Parameter) -> Parameter:
         if name not in scales:

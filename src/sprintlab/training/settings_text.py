@@ -3,6 +3,7 @@
 A name is dotted, ``ppo.steps``; a value is written as TOML. Each value must be of the kind that the setting
 has, or is refused by its name. What may be absent, such as the heat of the windings, is ``"none"`` then. A
 part of which there are several kinds, such as ``schedule``, has a key ``kind``: the name of its class.
+Parameters of a term stand beside its function.
 Nothing here needs PyTorch.
 """
 
@@ -23,8 +24,8 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import parse_toml, read_toml
 
 ABSENT = "none"
-KIND = "kind"
-_FUNCTIONS = ("sprintlab.training.environment.rewards",)
+KIND, PARAMETERS = "kind", "parameters"
+_FUNCTIONS = ("sprintlab.training.environment.rewards", "sprintlab.training.environment.randomization")
 """Modules whose functions are named without them."""
 Settings = TypeVar("Settings")
 
@@ -103,10 +104,11 @@ def settings_toml(settings: object) -> str:
 def to_plain(settings: object) -> dict[str, Any]:
     """Nested dictionaries of numbers, texts and lists; ``from_plain`` makes the same settings of them."""
     hints = get_type_hints(type(settings))
-    return {
+    plain = {
         field.name: _plain(getattr(settings, field.name), hints[field.name])
         for field in fields(cast("Any", settings))
     }
+    return {**plain, **plain.pop(PARAMETERS, {})}
 
 
 def from_plain(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
@@ -186,6 +188,12 @@ def _part(hint: Any, values: Mapping[str, Any], present: Any, place: str) -> Any
     if type(present) is not kind:
         present = None
     changes = dict[str, Any]()
+    if PARAMETERS in known:
+        parameters = {} if present is None or "function" in given else dict(present.parameters)
+        for name in [name for name in given if name not in known]:
+            item = _entry(hints[PARAMETERS])
+            parameters[name] = _value(item, given.pop(name), None, f"{place}.{name}")
+        changes[PARAMETERS] = parameters
     for name, value in given.items():
         full = f"{place}.{name}".lstrip(".")
         if name not in known:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from sprintlab.core.checks import check_interval
 from sprintlab.core.errors import InvalidValueError
 
 Parameter = bool | float | tuple[float, ...]
@@ -28,11 +29,11 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Para
     for parameter in parameters:
         if parameter not in known:
             raise InvalidValueError(
-                f"parameters.{parameter}", parameters[parameter], f"{name} has {', '.join(known) or 'none'}"
+                parameter, parameters[parameter], f"{name} has {', '.join(known) or 'no parameters'}"
             )
     for parameter, declared in known.items():
         if declared.default is declared.empty and parameter not in parameters:
-            raise InvalidValueError(f"parameters.{parameter}", None, f"{name} needs it")
+            raise InvalidValueError(parameter, None, f"{name} needs it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +43,8 @@ class RewardTerm:
     Attributes:
         function: of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``.
         weight: one number, or one of stage I and one of stage II; negative for a penalty.
-        parameters: of the function. Those named ``height``, ``distance``, ``speed`` and ``yaw_rates`` are
-            scaled to the robot's size.
+        parameters: of the function. Those named as in ``scaling.scales`` are scaled to the robot's
+            size.
         tied: whether the term, a reward, is multiplied by the term ``speed_held``. Without it slow robots
             earn more than fast ones: turning is paid at any speed, and penalties take most of what a runner
             earns.
@@ -83,3 +84,30 @@ def term(
 ) -> RewardTerm:
     """A reward term in one line."""
     return RewardTerm(function=function, weight=weight, parameters=parameters, tied=tied)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomizationTerm:
+    """One thing that differs from robot to robot.
+
+    Attributes:
+        function: of ``environment.randomization``, or one's own: ``(Fleet, parameters)``.
+        parameters: of the function; a pair is an interval.
+
+    Raises:
+        InvalidValueError: parameters that do not fit the function, or an interval that is not ordered.
+    """
+
+    function: Callable[..., Any]
+    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+
+    def __post_init__(self) -> None:
+        check_parameters(self.function, self.parameters, given=1)
+        for name, value in self.parameters.items():
+            if isinstance(value, tuple):
+                check_interval(name, value, -1e9, 1e9)
+
+
+def drawn(function: Callable[..., Any], **parameters: Parameter) -> RandomizationTerm:
+    """A randomization term in one line."""
+    return RandomizationTerm(function=function, parameters=parameters)

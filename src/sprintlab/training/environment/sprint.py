@@ -49,8 +49,8 @@ from sprintlab.training.environment.constraints import (
 )
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
+from sprintlab.training.environment.fleet import Fleet
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
-from sprintlab.training.environment.randomization import randomize
 from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
 from sprintlab.training.environment.rewards import Loads, RewardInput, angular_tracking, linear_tracking
 from sprintlab.training.environment.stride_prior import StrideReference
@@ -126,7 +126,8 @@ class SprintEnvironment:
         self.robot = load_robot(settings.robot)
         self.num_envs, self.num_actions = settings.simulation.environments, len(self.robot.joint_names)
         self.engine = Engine(self.robot, engine_options(settings), device)
-        self.slope, self.mean_delay = randomize(self.engine, settings.randomization)
+        self.fleet = Fleet(self.engine, settings.randomization)
+        self.slope, self.mean_delay = self.fleet.slope, self.fleet.delay
         self.kinematics = Kinematics(self.robot, self.engine, self.slope)
         self.friction = self.engine.friction
         prior = settings.prior
@@ -155,26 +156,19 @@ class SprintEnvironment:
         def tensor(values: Any) -> torch.Tensor:
             return torch.tensor(values, dtype=torch.float32, device=self.device)
 
-        robot, noise = self.robot, self.settings.randomization
+        robot, noise = self.robot, self.settings.disturbances
         self._default_pose, self._action_scale = tensor(robot.default_pose), tensor(robot.action_scale)
         self._stop_lower = tensor(robot.position_limits[:, 0] + robot.soft_stop.zone)
         self._stop_upper = tensor(robot.position_limits[:, 1] - robot.soft_stop.zone)
         self._terms = RewardTerms(self.settings.reward, self.device)
         sizes = self.observation.sensor_sizes
-        self._noise = tensor([getattr(noise, f"{name}_noise") for name in sizes for _ in range(sizes[name])])
+        self._noise = tensor([getattr(noise, name) for name in sizes for _ in range(sizes[name])])
         self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
         limits = self.settings.simulation
         self.engine.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
-        self._draw_joint_offsets(noise.joint_offset)
-
-    def _draw_joint_offsets(self, greatest: float) -> None:
-        """Encoders whose zero is off: what they say is too high, and what they are driven to too low."""
-        shape = (self.num_envs, self.num_actions)
-        self._joint_offset = greatest * (2 * torch.rand(shape, device=self.device) - 1)
-        nothing, still = (
-            torch.zeros(self.num_envs, 3, device=self.device),
-            torch.zeros_like(self._joint_offset),
-        )
+        self._joint_offset = self.fleet.joint_offset
+        nothing = torch.zeros(self.num_envs, 3, device=self.device)
+        still = torch.zeros_like(self._joint_offset)
         self._measured_offset = join_proprioception(
             Proprioception(nothing, nothing, self._joint_offset, still)
         )
@@ -450,16 +444,15 @@ class SprintEnvironment:
 
     def _push(self) -> None:
         """Now and then a kick: a random change of the horizontal base velocity."""
-        settings, draw = self.settings.randomization, self.draws["push"]
+        settings, draw = self.settings.disturbances, self.draws["push"]
         kicked = (draw[:, :1] < POLICY_STEP / settings.push_interval).float()
         self.engine.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
 
     def _jitter_delay(self) -> None:
         """How late the next targets reach the joints, in physics steps."""
-        settings = self.settings
-        width = settings.randomization.delay_jitter / settings.simulation.timestep
-        late = self.mean_delay + width * (2 * self.draws["delay"][:, 0] - 1)
-        self.engine.delay.copy_(late.round().clamp(min=0.0, max=settings.simulation.substeps))
+        late = self.mean_delay + self.fleet.delay_jitter * (2 * self.draws["delay"][:, 0] - 1)
+        substeps = self.settings.simulation.substeps
+        self.engine.delay.copy_(late.round().clamp(min=0.0, max=substeps))
 
     # --- resets ------------------------------------------------------------------------------------------
 
