@@ -100,7 +100,7 @@ def test_robots_that_stand_are_measured_as_standing() -> None:
         assert sum(found.load) == pytest.approx(1.0) and min(found.load) > 0.1
         assert found.duty == pytest.approx((1.0,) * 4)
         assert 0.2 < found.worst["foot_force"] < 1.0 and found.worst["leg_distance"] > 0.1
-    assert result.path.shape == (Exam.steps(2.0), 23) and all(map(math.isfinite, result.row().values()))
+    assert result.path.shape == (80 + 45, 23) and all(map(math.isfinite, result.row().values()))
 
 
 def test_one_seed_gives_one_network_with_exams_or_without() -> None:

@@ -131,7 +131,8 @@ class ExamResult:
     Attributes:
         groups: by their names.
         parts: mean part by which each constraint is broken, by phase and name (see ``constraints``).
-        path: generalized positions of one of the fastest robots ``(steps, nq)``.
+        path: generalized positions of one of the fastest robots ``(steps, nq)``, from two seconds before it
+            is asked to brake to one after.
     """
 
     groups: Mapping[str, GroupResult]
@@ -308,6 +309,12 @@ class Exam(SprintEnvironment):
         self.part_sums.add_(phases.T @ broken_parts(monitors, self._constraints))
         self.phase_sums.add_(phases.sum(0))
 
+    @staticmethod
+    def _filmed(asked: float, steps: int) -> slice:
+        """The policy steps around the moment at which robots are asked to brake."""
+        braking = round((STAND + HOLD + asked / ACCELERATION) / POLICY_STEP)
+        return slice(max(0, braking - 100), min(steps, braking + 50))
+
     def _result(self, steps: int) -> ExamResult:
         """Everything measured, read back at once."""
         n, legs = self.num_envs, len(self.robot.leg_names)
@@ -334,7 +341,7 @@ class Exam(SprintEnvironment):
         return ExamResult(
             groups=groups,
             parts=dict(zip(WATCHED, means.flatten().tolist(), strict=True)),
-            path=path.reshape(len(self.path), -1)[:steps],
+            path=path.reshape(len(self.path), -1)[self._filmed(float(asked[0]), steps)],
         )
 
 

@@ -15,7 +15,7 @@ from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
-_OWN_FOLDERS = ("milestones", "tensorboard", "wandb", ".wandb")
+_OWN_FOLDERS = ("milestones", "clips", "tensorboard", "wandb", ".wandb")
 GPU_MINUTES, CPU_MINUTES = 7.0, 60.0
 """Length of a run that says neither minutes nor iterations."""
 _MOST_MILESTONES = 1000

@@ -75,6 +75,14 @@ class Board:
                 f"{error.strerror or error}; the last good checkpoint is untouched"
             ) from error
 
+    def add_clip(self, clip: Path) -> None:
+        """A moving picture, of the iteration that its file is named after."""
+        from tensorboard.compat.proto.summary_pb2 import Summary
+
+        image = Summary.Image(colorspace=3, encoded_image_string=clip.read_bytes())
+        summary = Summary(value=[Summary.Value(tag="exam/clip", image=image)])
+        self._writer.file_writer.add_summary(summary, int(clip.stem))
+
     def close(self) -> None:
         """Write out what is buffered; a disk that refuses curves hides no other message."""
         with suppress(OSError):
@@ -169,6 +177,11 @@ class Reporter:
     def say(self, text: str) -> None:
         """A remark on a line of its own."""
         self._console.print(text, soft_wrap=True, markup=False)
+
+    def film(self, clip: Path | None) -> None:
+        """A clip has been rendered, or None."""
+        if clip is not None and self._board is not None:
+            self._board.add_clip(clip)
 
     def show(self, row: dict[str, float]) -> None:
         """One iteration has been done."""

@@ -22,14 +22,17 @@ from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
+from sprintlab.training.runs.clip import Clips
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
-from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
+from sprintlab.training.runs.progress import EXAM, Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.runner import RunLength, Runner, command_line, device_description
 from sprintlab.training.settings_text import settings_toml
 
 POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
 _LONGEST_COMMAND = 2000
+_CLIP_SECONDS = 20.0
+"""How long a training waits for its last clip [s]."""
 
 
 def pick_device(wanted: str) -> str:
@@ -154,11 +157,16 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         rolled_back=float(runner.learner.rolled_back),
         quiet=not leads,
     )
+    simulation = runner.settings.simulation
+    clips = Clips(options.output, runner.settings.robot, simulation.knee_spring) if wanted else None
     if leads and progress.iteration:
         with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
     with StopRequest().listening() as stop, reporter:
-        _loop(runner, options, seconds, stop, reporter)
+        _loop(runner, options, seconds, stop, reporter, clips)
+        if clips is not None:
+            reporter.film(clips.finished(wait=_CLIP_SECONDS))
+            clips.close()
         if stop:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
         else:
@@ -178,7 +186,12 @@ def _title(runner: Runner) -> str:
 
 
 def _loop(
-    runner: Runner, options: TrainOptions, seconds: float, stop: StopRequest, reporter: Reporter
+    runner: Runner,
+    options: TrainOptions,
+    seconds: float,
+    stop: StopRequest,
+    reporter: Reporter,
+    clips: Clips | None,
 ) -> None:
     """Iterate; every process stops and saves at the same iteration as the others."""
     started = saved = time.monotonic()
@@ -187,18 +200,28 @@ def _loop(
     while not ended:
         before = runner.progress.seconds
         row = runner.iterate()
-        reporter.show(row)
+        _show(row, runner, reporter, clips)
         keep_milestone(runner, options, before)
         now = time.monotonic()
         over = now - started >= seconds or row["iteration"] >= last or runner.hopeless
         due = now - saved >= options.save_seconds
         over, stopped, due = runner.workers.any_of([over, bool(stop), due])
         ended = over or stopped
-        if over:
-            runner.examine_at_end()
+        if over and (row := runner.examine_at_end()):
+            _show(row, runner, reporter, clips)
         if ended or due:
             _save(runner, options)
             saved = time.monotonic()
+
+
+def _show(row: dict[str, float], runner: Runner, reporter: Reporter, clips: Clips | None) -> None:
+    """One iteration on the screen and the board, and a clip of its exam."""
+    reporter.show(row)
+    if clips is None:
+        return
+    reporter.film(clips.finished())
+    if EXAM in row and runner.last_exam is not None:
+        clips.begin(runner.last_exam.path, int(row["iteration"]))
 
 
 def keep_milestone(runner: Runner, options: TrainOptions, before: float) -> None:

@@ -205,10 +205,12 @@ class Runner:
         self.progress.seconds += seconds
         return {**result.row(), "exam/seconds": seconds}
 
-    def examine_at_end(self) -> None:
-        """Examine the last policy, too, where there have been exams; its numbers go into the last row."""
-        if self.last_exam is not None and not self._exam_due():
-            self.progress.log[-1] |= self.examine()
+    def examine_at_end(self) -> dict[str, float] | None:
+        """Examine the last policy where there have been exams; returns the last row with its numbers."""
+        if self.last_exam is None or self._exam_due():
+            return None
+        self.progress.log[-1] |= self.examine()
+        return self.progress.log[-1]
 
     def _examiner(self) -> Exam:
         """The exam's robots, which act by the mean of the weights."""

@@ -1,0 +1,67 @@
+"""Clips of exams: rendered beside the training, and left out where nothing renders."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("tensorboard")
+
+from PIL import Image
+from tensorboard.backend.event_processing import event_accumulator
+
+from sprintlab.training.runs import clip as clip_module
+from sprintlab.training.runs.clip import Clips, write_gif
+from sprintlab.training.runs.progress import Board
+
+WAIT = 60.0
+
+
+def rendering(code: str) -> list[str]:
+    """An interpreter that runs this instead of the renderer: its last arguments are those of the renderer."""
+    return [sys.executable, "-c", code]
+
+
+def test_a_clip_is_rendered_beside_the_training_and_lies_in_tensorboard(tmp_path: Path, monkeypatch) -> None:
+    pictures = [Image.fromarray(np.full((9, 16, 3), shade, np.uint8)) for shade in (0, 90, 250)]
+    write_gif(pictures, tmp_path / "made.gif")
+    code = f"import shutil, sys; shutil.copy({str(tmp_path / 'made.gif')!r}, sys.argv[-3])"
+    monkeypatch.setattr(clip_module, "new_interpreter", lambda: rendering(code))
+    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips.begin(np.zeros((10, 7)), 600)
+    clips.begin(np.zeros((10, 7)), 1200)  # one at a time
+    clip = clips.finished(WAIT)
+    assert clip == tmp_path / "clips" / "000600.gif" and clips.finished() is None
+    board = Board(tmp_path / "tensorboard", 0)
+    board.add_clip(clip)
+    board.close()
+    events = event_accumulator.EventAccumulator(str(tmp_path / "tensorboard"))
+    events.Reload()
+    assert [image.step for image in events.Images("exam/clip")] == [600]
+
+
+def test_where_nothing_renders_there_are_no_clips(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(clip_module, "new_interpreter", lambda: rendering("raise SystemExit(1)"))
+    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips.begin(np.zeros((10, 7)), 1)
+    assert clips.finished(WAIT) is None and not clips.working
+    clips.begin(np.zeros((10, 7)), 2)
+    assert clips.finished() is None and not (tmp_path / "clips").exists()
+
+
+@pytest.mark.parametrize("path", [np.full((10, 7), np.nan), np.zeros((0, 7))])
+def test_a_robot_without_a_path_is_not_rendered(tmp_path: Path, path: np.ndarray) -> None:
+    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips.begin(path, 1)
+    assert clips.finished() is None and clips.working and not (tmp_path / "clips").exists()
+
+
+def test_a_gif_moves(tmp_path: Path) -> None:
+    write_gif([Image.fromarray(np.full((9, 16, 3), k, np.uint8)) for k in (0, 90, 250)], tmp_path / "a.gif")
+    with Image.open(tmp_path / "a.gif") as found:
+        assert found.n_frames == 3 and found.info["duration"] == 40
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
