@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
         part.add_argument("--actuators", nargs="+", choices=ACTUATORS, default=ACTUATORS)
         part.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3))
         part.add_argument("--minutes", type=float, default=9.0, help="no training goes on for longer")
-        part.add_argument("--parallel", type=int, default=3, help="trainings at a time")
+        part.add_argument("--parallel", type=int, default=3, help="trainings at a time on each GPU")
     part = commands.add_parser("judge")
     part.add_argument("results", type=Path, help="folder of runs; judged ones are left alone")
     part.add_argument("--jobs", type=int, default=2, help="judgements at a time")

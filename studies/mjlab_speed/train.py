@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.robots import robot_motors
+from sprintlab.training.runs.sweep import visible_gpus
 
 ACTUATORS = ("stock", "data-sheet", "refined")
 STAGES = ((0.0, 1.5), (0.1, 2.0), (0.2, 3.0), (0.35, 4.0), (0.5, 5.0), (0.65, 6.0))
@@ -139,21 +140,27 @@ def run_all(given: argparse.Namespace) -> None:
     until = time.time() + 60.0 * given.minutes
     runs = list(itertools.product(given.seeds, given.actuators))
     left = [run for run in runs if not (folder_of(given, *run) / "policy.npz").exists()]
-    going: list[subprocess.Popen[bytes]] = []
+    gpus = [str(number) for number in visible_gpus()] or [""]
+    going: list[tuple[subprocess.Popen[bytes], str]] = []
     while left or going:
-        going = [process for process in going if process.poll() is None]
-        while left and len(going) < given.parallel and time.time() < until:
-            seed, law = left.pop(0)
-            folder_of(given, seed, law).mkdir(parents=True, exist_ok=True)
-            words = ["--actuator", law, "--seed", seed, "--work", given.work, "--until", until]
-            words += ["--iterations", given.iterations, "--environments", given.environments]
-            going.append(
-                subprocess.Popen([sys.executable, "-m", "studies.mjlab_speed", "one", *map(str, words)])
-            )
+        going = [(process, gpu) for process, gpu in going if process.poll() is None]
+        while left and len(going) < given.parallel * len(gpus) and time.time() < until:
+            busy = [gpu for _, gpu in going]
+            gpu = min(gpus, key=busy.count)
+            going.append((start(given, *left.pop(0), until, gpu), gpu))
         if time.time() > until and not going:
             break
         time.sleep(0.5)
     pack(given, runs)
+
+
+def start(given: argparse.Namespace, seed: int, law: str, until: float, gpu: str) -> subprocess.Popen[bytes]:
+    """One training as a process on one GPU."""
+    folder_of(given, seed, law).mkdir(parents=True, exist_ok=True)
+    words = ["--actuator", law, "--seed", seed, "--work", given.work, "--until", until]
+    words += ["--iterations", given.iterations, "--environments", given.environments]
+    command = [sys.executable, "-m", "studies.mjlab_speed", "one", *map(str, words)]
+    return subprocess.Popen(command, env={**os.environ, "CUDA_VISIBLE_DEVICES": gpu})
 
 
 def folder_of(given: argparse.Namespace, seed: int, law: str) -> Path:
