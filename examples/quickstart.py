@@ -7,7 +7,7 @@ import sprintlab as sl
 
 if __name__ == "__main__":  # a race starts processes, and each reads this file
     settings = sl.method("sprint", environments=4096)  # robot="robots/mydog" for a robot of yours
-    run = sl.train(settings, "runs/quickstart", iterations=1600, minutes=20.0)
+    run = sl.train(settings, output="runs/quickstart", iterations=1600, minutes=20.0)
     policy = run.policy
     race = sl.race(policy, trials=10)
     print(race)

@@ -3,7 +3,7 @@
     import sprintlab as sl
 
     if __name__ == "__main__":
-        run = sl.train(sl.method("sprint", environments=4096), "runs/mine")
+        run = sl.train(sl.method("sprint", environments=4096), output="runs/mine")
         race = sl.race(run.policy)
         print(race)
         race.report("runs/mine-race")
@@ -15,52 +15,44 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
 if TYPE_CHECKING:
-    from sprintlab.api.actuators import Actuators as Actuators
-    from sprintlab.api.actuators import actuators as actuators
-    from sprintlab.api.doctor import Examination as Examination
     from sprintlab.api.doctor import doctor as doctor
     from sprintlab.api.drive import DriveOptions as DriveOptions
-    from sprintlab.api.envelopes import Envelope as Envelope
-    from sprintlab.api.envelopes import envelope as envelope
-    from sprintlab.api.evaluations import Evaluation as Evaluation
     from sprintlab.api.evaluations import evaluate as evaluate
-    from sprintlab.api.grounds import Grounds as Grounds
-    from sprintlab.api.grounds import ground as ground
-    from sprintlab.api.identification import IdentifiedMotor as IdentifiedMotor
-    from sprintlab.api.identification import identify_motor as identify_motor
-    from sprintlab.api.importing import RobotImport as RobotImport
-    from sprintlab.api.importing import import_robot as import_robot
-    from sprintlab.api.learning import Learning as Learning
-    from sprintlab.api.learning import learning as learning
-    from sprintlab.api.limits import Limit as Limit
+    from sprintlab.api.limits import audit_rollout as audit_rollout
     from sprintlab.api.limits import limit as limit
-    from sprintlab.api.live import play as play
     from sprintlab.api.motors import ChosenMotor as ChosenMotor
+    from sprintlab.api.motors import actuators as actuators
     from sprintlab.api.motors import chosen_motor as chosen_motor
+    from sprintlab.api.motors import envelope as envelope
+    from sprintlab.api.motors import identify_motor as identify_motor
+    from sprintlab.api.motors import motor_from_datasheet as motor_from_datasheet
+    from sprintlab.api.motors import show_motor as show_motor
+    from sprintlab.api.perturbations import ground as ground
+    from sprintlab.api.perturbations import lap as lap
+    from sprintlab.api.perturbations import robustness as robustness
+    from sprintlab.api.perturbations import turning as turning
     from sprintlab.api.policies import load_policy as load_policy
     from sprintlab.api.policies import policies as policies
     from sprintlab.api.races import Race as Race
     from sprintlab.api.races import race as race
-    from sprintlab.api.replay import ReplayPage as ReplayPage
-    from sprintlab.api.replay import replay as replay
-    from sprintlab.api.robot_runs import DrivenRun as DrivenRun
-    from sprintlab.api.robot_runs import RobotRun as RobotRun
-    from sprintlab.api.robot_simulations import RobotSimulation as RobotSimulation
-    from sprintlab.api.robot_simulations import SimulatedRun as SimulatedRun
-    from sprintlab.api.robustness import Robustness as Robustness
-    from sprintlab.api.robustness import robustness as robustness
-    from sprintlab.api.rollouts import AuditedRollout as AuditedRollout
-    from sprintlab.api.rollouts import audit_rollout as audit_rollout
-    from sprintlab.api.run_reports import RunReport as RunReport
-    from sprintlab.api.run_reports import report_run as report_run
-    from sprintlab.api.search import SearchOptions as SearchOptions
-    from sprintlab.api.steering import Lap as Lap
-    from sprintlab.api.steering import Turning as Turning
-    from sprintlab.api.steering import lap as lap
-    from sprintlab.api.steering import turning as turning
+    from sprintlab.api.replays import Playing as Playing
+    from sprintlab.api.replays import ReplayPage as ReplayPage
+    from sprintlab.api.replays import play as play
+    from sprintlab.api.replays import replay as replay
+    from sprintlab.api.reports import report as report
+    from sprintlab.api.results import Drawn as Drawn
+    from sprintlab.api.results import Result as Result
+    from sprintlab.api.robot_bus import robot_sim as robot_sim
+    from sprintlab.api.robot_bus import run as run
+    from sprintlab.api.robots import RobotImport as RobotImport
+    from sprintlab.api.robots import import_robot as import_robot
+    from sprintlab.api.robots import list_robots as list_robots
+    from sprintlab.api.robots import show_robot as show_robot
     from sprintlab.api.training import Training as Training
     from sprintlab.api.training import export as export
+    from sprintlab.api.training import learning as learning
     from sprintlab.api.training import method as method
+    from sprintlab.api.training import sweep as sweep
     from sprintlab.api.training import train as train
     from sprintlab.core.errors import SprintlabError as SprintlabError
     from sprintlab.motors import torque_limits as torque_limits
@@ -75,29 +67,21 @@ __version__ = "0.1.0"
 _HOMES = {
     name: home
     for home, names in {
-        "api.actuators": "Actuators actuators",
-        "api.doctor": "Examination doctor",
+        "api.doctor": "doctor",
         "api.drive": "DriveOptions",
-        "api.envelopes": "Envelope envelope",
-        "api.evaluations": "Evaluation evaluate",
-        "api.grounds": "Grounds ground",
-        "api.identification": "IdentifiedMotor identify_motor",
-        "api.importing": "RobotImport import_robot",
-        "api.learning": "Learning learning",
-        "api.limits": "Limit limit",
-        "api.live": "play",
-        "api.motors": "ChosenMotor chosen_motor",
+        "api.evaluations": "evaluate",
+        "api.limits": "audit_rollout limit",
+        "api.motors": "ChosenMotor actuators chosen_motor envelope identify_motor motor_from_datasheet "
+        "show_motor",
+        "api.perturbations": "ground lap robustness turning",
         "api.policies": "load_policy policies",
         "api.races": "Race race",
-        "api.replay": "ReplayPage replay",
-        "api.robot_runs": "DrivenRun RobotRun",
-        "api.robot_simulations": "RobotSimulation SimulatedRun",
-        "api.robustness": "Robustness robustness",
-        "api.rollouts": "AuditedRollout audit_rollout",
-        "api.run_reports": "RunReport report_run",
-        "api.search": "SearchOptions",
-        "api.steering": "Lap Turning lap turning",
-        "api.training": "Training export method train",
+        "api.replays": "Playing ReplayPage play replay",
+        "api.reports": "report",
+        "api.results": "Drawn Result",
+        "api.robot_bus": "robot_sim run",
+        "api.robots": "RobotImport import_robot list_robots show_robot",
+        "api.training": "Training export learning method sweep train",
         "core.errors": "SprintlabError",
         "motors": "torque_limits",
         "robots": "load_robot robot_names",

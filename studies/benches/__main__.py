@@ -10,7 +10,7 @@ from typing import Any
 
 from tools.fetch_bench_data import SOURCES
 
-from sprintlab.cli.status import exit_status
+from sprintlab.cli.output import exit_status
 from sprintlab.core.files import atomic_write_json, check_writable, check_writable_file
 from studies.benches.figures import heat_figure, torque_figure
 from studies.benches.heat import heat_rows

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from sprintlab.cli.status import exit_status
+from sprintlab.cli.output import exit_status
 from studies.paper.evaluate import Evaluate, Variants
 from studies.paper.page import Page
 from studies.paper.plan import Plan

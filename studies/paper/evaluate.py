@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import tyro
 
-from sprintlab.api.search import SearchOptions
+from sprintlab.api.evaluations import first_step, protocol_settings
 from sprintlab.cli.output import progress_bar
 from sprintlab.control import load_policy
 from sprintlab.core.errors import SprintlabError
@@ -45,14 +45,18 @@ class Evaluate:
         results: folder of the records.
         robot: name of the robot.
         workers: processes; one per core when left out.
-        search: trials and speeds.
+        trials: seeded trials a speed.
+        start: lowest speed of the search [m/s].
+        top: highest speed of the search [m/s].
     """
 
     runs: tyro.conf.Positional[Path] = Path("runs/study")
     results: Path = RESULTS
     robot: str = "bp2"
     workers: int | None = None
-    search: tyro.conf.FlagCreatePairsOff[SearchOptions] = SearchOptions()
+    trials: int = 10
+    start: float = 1.0
+    top: float = 16.0
 
     def run(self) -> int:
         """Evaluate and write.
@@ -62,10 +66,11 @@ class Evaluate:
         """
         policies = find_policies(self.runs)
         todo = [each for each in policies if not self._recorded(*each)]
+        settings = search_settings(self.trials, self.start, self.top)
         with progress_bar() as report, WorkerProcesses(self.workers) as processes:
             for number, (policy, preset) in enumerate(todo):
                 report(f"{policy.parent.parent.name}, {policy.parent.name}", number / len(todo))
-                found = evaluate_policy(policy, preset, self.robot, self.search.protocol(), processes)
+                found = evaluate_policy(policy, preset, self.robot, settings, processes)
                 write_run(self.results, found)
         return 0
 
@@ -74,6 +79,11 @@ class Evaluate:
         training = load_policy(policy).contract.training
         path = record_path(self.results, preset, training.method, training.seed)
         return path.is_file() and read_run(path).policy_sha256 == _digest(policy)
+
+
+def search_settings(trials: int, start: float, top: float) -> ProtocolSettings:
+    """Whole m/s first, then the grid around the first that fails."""
+    return protocol_settings(trials, 0, start=start, top=top, first_step=first_step(0.25))
 
 
 def find_policies(runs: Path) -> list[tuple[Path, str]]:
@@ -169,13 +179,17 @@ class Variants:
         runs: folder of finished runs.
         results: folder of the records.
         workers: processes; one per core when left out.
-        search: trials and speeds.
+        trials: seeded trials a speed.
+        start: lowest speed of the search [m/s].
+        top: highest speed of the search [m/s].
     """
 
     runs: tyro.conf.Positional[Path] = Path("runs/study")
     results: Path = RESULTS
     workers: int | None = None
-    search: tyro.conf.FlagCreatePairsOff[SearchOptions] = SearchOptions()
+    trials: int = 10
+    start: float = 1.0
+    top: float = 16.0
 
     def run(self) -> int:
         """Evaluate and write.
@@ -185,7 +199,7 @@ class Variants:
         """
         from sprintlab.plant import on_engine
 
-        base = self.search.protocol()
+        base = search_settings(self.trials, self.start, self.top)
         todo = [
             (path, preset)
             for path, preset in find_policies(self.runs)

@@ -42,7 +42,7 @@ class Training:
 
     def words(self, runs: Path) -> list[str]:
         """The command that trains it."""
-        words = ["sprintlab", "train", self.method, "--seed", str(self.seed)]
+        words = ["sprintlab", "train", "bp2", "--method", self.method, "--seed", str(self.seed)]
         words += [] if self.preset == "sprintlab" else ["--preset", self.preset]
         return [*words, "--output", str(self.folder(runs))]
 

@@ -1,7 +1,8 @@
-"""``import sprintlab as sl``: light, complete, and usable from a plain script."""
+"""``import sprintlab as sl``: light, complete, and usable from a plain script and a notebook."""
 
 import ast
 import json
+import math
 import runpy
 import shutil
 import subprocess
@@ -11,9 +12,12 @@ from pathlib import Path
 import pytest
 
 import sprintlab as sl
+from sprintlab.api.evaluations import evaluate
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
+from sprintlab.evaluation.trial import TrialRequest
 
 ROOT = Path(__file__).resolve().parents[2]
+GO1 = ROOT / "examples" / "go1" / "go1.xml"
 HEAVY = ("numpy", "torch", "mujoco", "onnxruntime", "matplotlib", "rich", "msgspec", "scipy", "warp")
 
 
@@ -48,27 +52,16 @@ def test_every_public_name_is_there_and_declared_for_type_checkers():
         for alias in node.names
     }
     assert declared == {name: f"sprintlab.{home}" for name, home in sl._HOMES.items()}
-    assert sorted(sl._HOMES) == sl.__all__
-
-
-def test_what_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         sl.nothing  # noqa: B018
 
 
-def test_policies_are_found_by_name_and_name_their_robot():
+def test_policies_are_found_by_name_and_no_file_hides_them(tmp_path, monkeypatch):
     found = sl.policies()
-    assert {"sprint", "go1-sprint"} <= {item.name for item in found}
     go1 = found.to_dict()["go1-sprint"]
-    assert go1["robot"] == "go1" and Path(go1["path"]).is_file()
-    assert "go1-sprint" in str(found)
-    assert sl.load_policy("go1-sprint").contract.robot_name == "go1"
-    with pytest.raises(PolicyFileError, match="no policy named 'nobody'"):
-        sl.load_policy("nobody")
-
-
-def test_no_file_hides_a_policy_that_comes_with_the_package(tmp_path, monkeypatch):
-    """Who types its name in a stranger's folder would drive the robot with the stranger's policy."""
+    assert go1["robot"] == "go1" and Path(go1["path"]).is_file() and "go1-sprint" in str(found)
+    with pytest.raises(PolicyFileError, match="no policy named 'no-such'"):
+        sl.load_policy("no-such")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sprint").write_bytes(b"no policy")
     assert sl.load_policy("sprint").contract.robot_name == "bp2"
@@ -76,44 +69,21 @@ def test_no_file_hides_a_policy_that_comes_with_the_package(tmp_path, monkeypatc
         sl.load_policy("./sprint")
 
 
-def test_a_method_is_changed_by_dotted_names():
-    changes = {"ppo.steps": 16, "reward.progress.weight": 1}
-    settings = sl.method("baseline", changes, robot="go1", environments=64)
-    assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
-    assert settings.reward["progress"].weight == 1.0 and settings.simulation.environments == 64
-    with pytest.raises(InvalidValueError, match="sprint"):
-        sl.method("sprnt")
-    with pytest.raises(SprintlabError, match=r"ppo\.stepz.*did you mean ppo\.steps"):
-        sl.method("sprint", {"ppo.stepz": 16})
-
-
 @pytest.mark.usefixtures("short_trials", "blank_pictures")  # tests/cli/test_race.py draws a report's
 def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     go1_race = sl.race("go1-sprint", top_speed=1.5, distance=2.0, trials=1, workers=1)
     numbers = go1_race.to_dict()
-    assert numbers["robot"] == "go1" and numbers["trials"] == 1
+    assert numbers["robot"] == "go1" and numbers["trials"] == 1 and not list(tmp_path.iterdir())
     assert numbers["held_speed_m_s"] == pytest.approx(1.5, abs=0.3)
     assert f"{numbers['held_speed_m_s']:.2f}" in str(go1_race) and "audit" in repr(go1_race)
-    drawn = go1_race.plot("gait")
-    assert drawn._repr_png_().startswith(b"\x89PNG")
+    assert go1_race.plot("gait")._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(InvalidValueError, match="torque_speed"):
         go1_race.plot("gate")
     page = go1_race.report("mine")
     assert page == Path("mine/report.html") and page.is_file() and Path("mine/replay.html").is_file()
     with pytest.raises(SprintlabError, match="exists already"):
         go1_race.report("mine")
-
-
-@pytest.mark.usefixtures("short_trials")
-def test_an_evaluation_prints_and_draws_itself():
-    search = sl.SearchOptions(trials=1, start=1.5, top=2.0, grid=0.5)
-    found = sl.evaluate("go1-sprint", search=search, workers=1)
-    numbers = found.to_dict()
-    assert numbers["raw"]["max_velocity_m_s"] == found.max_velocity == pytest.approx(2.0, abs=0.4)
-    assert [row["top_speed_m_s"] for row in numbers["self_paced"]["speeds"]] == [1.5, 2.0]
-    assert f"{found.max_velocity:.2f}" in str(found)
-    assert found.plot().axes[0].get_xlabel().startswith("commanded")
 
 
 SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
@@ -125,7 +95,7 @@ TINY = {
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials", "short_replay", "blank_pictures")  # tests/cli/test_race.py draws one
+@pytest.mark.usefixtures("brief_trials", "short_replay", "blank_pictures")
 def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch")
     text = SCRIPT
@@ -137,7 +107,6 @@ def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, cap
     runpy.run_path("script.py", run_name="__main__")
     assert "policy policy, command up to 1 m/s" in capsys.readouterr().out
     assert (tmp_path / "runs/quickstart-race/report.html").is_file()
-    assert "sprintlab.cli" not in SCRIPT
 
 
 def test_a_script_without_a_guard_is_told_so_once(tmp_path):
@@ -177,22 +146,7 @@ def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
     assert names["run"].policy.is_file() and names["run"].to_dict()["iterations"] == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("1\n", "not a row of numbers"),
-        ('{"reward": "x"}\n', "not a row of numbers"),
-    ],
-)
-def test_a_trainings_log_holds_rows_of_numbers(tmp_path, text, said):
-    from sprintlab.api.training import Training
-
-    (tmp_path / "log.jsonl").write_text(text)
-    with pytest.raises(SprintlabError, match=said):
-        Training(folder=tmp_path).log()
-
-
-def test_a_notebook_shows_a_result_once(monkeypatch, capsys):
+def test_a_notebook_shows_a_result_once(monkeypatch):
     """Rich shows whatever is printed in a notebook at once, also on a console that only keeps it."""
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     shown = []
@@ -200,3 +154,50 @@ def test_a_notebook_shows_a_result_once(monkeypatch, capsys):
     found = sl.policies()
     assert "sprint" in str(found) and "sprint" in found._repr_mimebundle_()["text/html"]
     assert shown == []
+
+
+VALUES = (math.nan, -1, 1.5, b"x", [], {}, 1j)
+
+
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:12])
+@pytest.mark.parametrize(
+    ("function", "name", "given"),
+    [
+        (sl.load_policy, "policy", {}), (sl.load_robot, "name", {}), (sl.race, "policy", {}),
+        (sl.race, "robot", {}), (sl.race, "seed", {}), (sl.race, "trials", {}), (sl.race, "workers", {}),
+        (sl.race, "drive", {}), (sl.race, "output", {}), (evaluate, "output", {"policy": "sprint"}),
+        (evaluate, "grid", {"policy": "sprint"}), (sl.turning, "speeds", {"policy": "sprint"}),
+        (sl.lap, "recording", {"policy": "sprint"}), (sl.ground, "trials", {"policy": "sprint"}),
+        (sl.robustness, "cause_trials", {}), (sl.method, "environments", {}), (sl.method, "changes", {}),
+        (sl.replay, "run_folders", {}), (sl.envelope, "source", {}), (sl.envelope, "points", {}),
+        (sl.actuators, "name", {}), (sl.doctor, "folder", {}), (sl.run, "robot", {}), (sl.run, "source", {}),
+        (sl.run, "log", {}), (sl.robot_sim, "bus", {}), (sl.robot_sim, "robot", {}), (sl.train, "robot", {}),
+        (sl.import_robot, "choices", {"source": GO1}), (sl.import_robot, "source", {}),
+    ],
+)  # fmt: skip
+def test_an_argument_of_another_kind_is_told_in_one_sentence(
+    function, name, given, value, tmp_path, monkeypatch
+):
+    """As a file of JSON may have it."""
+    monkeypatch.chdir(tmp_path)
+    if (name, value) in (("changes", {}), ("run_folders", []), ("grid", 1.5)):
+        return
+    with pytest.raises(SprintlabError):
+        function(**{**given, name: value})
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"),
+    [
+        ({"top_speed": 1e308}, "top_speed"),
+        ({"top_speed": 1e-300, "distance": 100.0}, "distance"),
+        ({"top_speed": 10.0, "distance": 1e7}, "distance"),
+    ],
+)
+def test_a_trial_without_end_is_refused(request_, field):
+    with pytest.raises(InvalidValueError, match=f"trial.{field} = "):
+        TrialRequest(**request_)
+    if field == "distance":
+        with pytest.raises(InvalidValueError, match="distance = 1e\\+308 is not allowed"):
+            sl.race(distance=1e308)

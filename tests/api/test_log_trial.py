@@ -1,18 +1,23 @@
 """A log as a trial: what is drawn of it, and which logs hold nothing that could be drawn."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 from tests.deployment.log.test_log import FACTS, tick
 
+import sprintlab as sl
 from sprintlab.api.log_trial import RATE, logged_run
+from sprintlab.control import shipped_policy
+from sprintlab.core.errors import UnwrittenError
 from sprintlab.deployment.log import McapRunLog, read_log
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.evaluation.figures import power_figure, rates_figure, torque_speed_figure
 from sprintlab.evaluation.run_report import comparison_figure
 from sprintlab.robots import load_robot
+from sprintlab.robots.loader import robot_table_path
 
 pytest.importorskip("mcap")
 ROBOT = load_robot("bp2")
@@ -101,3 +106,36 @@ def drawn(figure):
 def test_of_a_long_run_no_more_is_drawn_than_a_picture_shows(long_run, draw):
     assert len(long_run.trial.trajectory.time) > 190_000
     assert drawn(draw(long_run)) < 60_000
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        (
+            {"robot": str(robot_table_path("bp2"))},
+            r"run\.mcap is for robot .*parameters\.toml', unknown here",
+        ),
+        (
+            {"robot": "bp2", "policy": str(shipped_policy("sprint"))},
+            r"run\.mcap is of policy .*sprint\.onnx', unknown here",
+        ),
+    ],
+)
+def test_a_log_does_not_say_which_file_is_read(tmp_path, monkeypatch, facts, said):
+    """Only the names of known robots and policies count there: a path is refused."""
+    record = SimpleNamespace(facts=facts)
+    monkeypatch.setattr("sprintlab.deployment.log.read_log", lambda path: record)
+    with pytest.raises(sl.SprintlabError, match=said):
+        sl.report(tmp_path / "run.mcap", output=tmp_path / "report")
+
+
+def test_the_numbers_of_a_report_are_not_lost_with_it(tmp_path, monkeypatch):
+    def full(*_):
+        raise UnwrittenError("cannot write report.html: No space left on device")
+
+    monkeypatch.setattr("sprintlab.core.files.atomic_write_json", full)
+    run_of(tmp_path / "run.mcap")
+    with pytest.raises(UnwrittenError, match="No space left") as refused:
+        sl.report(tmp_path / "run.mcap", output=tmp_path / "report", simulation=False)
+    assert refused.value.found.to_dict()["folder"] is None and "held speed" in str(refused.value.found)
+    assert not (tmp_path / "report").exists()

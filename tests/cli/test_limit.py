@@ -1,7 +1,6 @@
 """``sprintlab limit``: table, JSON, picture, and bad input."""
 
 import json
-import os
 from dataclasses import replace
 
 import pytest
@@ -52,37 +51,7 @@ def test_the_limit_as_a_table(call, tmp_path):
     assert "stride frequency" in outcome.out
 
 
-@pytest.mark.parametrize("kind", ["pipe", "loop", "file", "missing"])
-def test_results_that_are_no_folder_are_refused_before_any_work(call, tmp_path, monkeypatch, kind):
-    place = tmp_path / "results"
-    if kind == "pipe":
-        os.mkfifo(place)
-    elif kind == "loop":
-        place.symlink_to("results")
-    elif kind == "file":
-        place.touch()
-    monkeypatch.setattr("sprintlab.speed_limit.speed_limit", lambda *_, **__: pytest.fail("it computes"))
-    refused = call("limit", "bp2", *QUICK, "--results", place)
-    assert refused.status == 2
-    assert refused.err == f"sprintlab: there is no folder {place}\n"
-
-
 @pytest.mark.usefixtures("searched_once")
 def test_no_results_are_needed(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert json.loads(call("limit", "go1", *QUICK, "--json").out)["trained"] == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("nodog",), "robot 'nodog' is unknown"),
-        (("bp2", "--starts", 0), "starts = 0"),
-        (("bp2", "--factors", 0.01), "factors = 0.01"),
-    ],
-)
-def test_bad_input_is_refused_with_one_sentence(call, arguments, sentence):
-    refused = call("limit", *arguments)
-    assert refused.status == 2
-    assert sentence in refused.err
-    assert refused.err.count("\n") == 1

@@ -1,13 +1,24 @@
-"""``sprintlab motor envelope`` and ``motor show``."""
+"""``sprintlab motor envelope``, ``show`` and ``library``."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sprintlab as sl
 from sprintlab.core.errors import SprintlabError
-from sprintlab.motors import MOTOR_MODELS, PmsmParameters, save_motor
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    PmsmParameters,
+    library_motors,
+    load_library_motor,
+    load_motor,
+    save_motor,
+)
 from sprintlab.robots import load_robot
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
 
 
 @pytest.fixture
@@ -120,16 +131,10 @@ def test_operating_points_are_compared_with_every_envelope(call, trajectory, tmp
     assert one["operating_points"]["samples"] == 2
 
 
-def test_trajectories_that_are_none(call, tmp_path, motor_file):
-    def refused(path):
-        outcome = call("motor", "envelope", "bp2", "hip", "--trajectory", path)
-        assert outcome.status == 2 and len(outcome.err.splitlines()) == 1
-        return outcome.err
-
-    assert "cannot read" in refused(tmp_path / "none.npz")
+def test_a_trajectory_that_cannot_be_compared_is_refused(call, tmp_path):
     np.savez(tmp_path / "other.npz", time=np.zeros(3))
-    assert "joint_velocity" in refused(tmp_path / "other.npz")
-    assert "no recorded trajectory" in refused(motor_file)
+    outcome = call("motor", "envelope", "bp2", "hip", "--trajectory", tmp_path / "other.npz")
+    assert outcome.status == 2 and len(outcome.err.splitlines()) == 1 and "joint_velocity" in outcome.err
 
 
 def test_show_is_on_the_motor_side(call, motor_file):
@@ -139,11 +144,32 @@ def test_show_is_on_the_motor_side(call, motor_file):
     assert robot["no_load_speed"] == pytest.approx(8.25 * envelope(call, "bp2", "hip")["no_load_speed"])
 
 
-def test_a_source_that_is_nothing_lists_what_there_is(call):
-    outcome = call("motor", "envelope", "spot")
-    assert outcome.status == 2 and len(outcome.err.splitlines()) == 1
-    for name in ("spot", "bp2", "mit-mini-cheetah", ".toml"):
-        assert name in outcome.err
+def test_a_data_sheet_stands_for_its_motor(call, tmp_path):
+    sheet = EXAMPLES / "maxon-ec-45-flat-70w.toml"
+    assert call("motor", "from-datasheet", sheet, "--output", tmp_path / "motor.toml").status == 0
+    files = (sheet, tmp_path / "motor.toml")
+    of_sheet, of_motor = (sl.chosen_motor(str(path), bus_voltage=24.0) for path in files)
+    numbers = of_sheet.to_dict()
+    assert numbers["motor"] == pytest.approx(of_motor.to_dict()["motor"], rel=1e-4)
+    assert f"{numbers['no_load_speed']:.5g}" in str(of_sheet)
+
+
+def test_the_library_names_every_number_with_its_source(call, tmp_path):
+    entries = json.loads(call("motor", "library", "--json").out)
+    assert [entry["name"] for entry in entries] == list(library_motors())
+    assert all(name in call("motor", "library").out for name in library_motors())
+    for entry in entries:
+        assert all(value["source"] for value in entry["values"].values())
+        assert 0 < entry["joint"]["corner_speed"] < entry["joint"]["no_load_speed"]
+    u12 = next(entry["joint"] for entry in entries if entry["name"] == "mit-humanoid-u12")
+    assert u12["corner_speed"] == pytest.approx(24.5, abs=0.05)
+    assert u12["corner_lost_to_v_d"] == pytest.approx(0.186, abs=0.001)
+    out = call("motor", "library", "xiaomi-cybergear").out
+    assert "CyberGear micro motor user manual" in " ".join(out.split()) and "estimated" in out
+    files = ("--save", tmp_path / "u12.toml", "--figure", tmp_path / "library.png")
+    assert call("motor", "library", "mit-humanoid-u12", *files).status == 0
+    assert load_motor(tmp_path / "u12.toml") == load_library_motor("mit-humanoid-u12").motor
+    assert (tmp_path / "library.png").stat().st_size > 30_000
 
 
 def test_a_picture_that_finds_no_room_takes_no_numbers_with_it(call, tmp_path, monkeypatch):

@@ -1,10 +1,11 @@
-"""``sprintlab robot new``: the commands of the tutorial, and bad input."""
+"""``sprintlab robot new``: the commands of the tutorial, questions at a terminal, and Python."""
 
 import json
 from pathlib import Path
 
 import pytest
 
+import sprintlab as sl
 from sprintlab.robots.importing import source
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
@@ -28,7 +29,7 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     )
     assert made.status == 0
     assert "inertia matrix" in made.out and "written: robots/mydog/" in made.out
-    assert "next: sprintlab robot show robots/mydog; python robots/mydog/train.py" in made.out
+    assert "next: sprintlab robot show robots/mydog; sprintlab train robots/mydog" in made.out
     listed = call("robot", "list")
     assert listed.out.split() == ["bp2", "bp2-strong", "bp2-waist", "bp2-weak", "go1", "go2", "mydog"]
     shown = call("robot", "show", "mydog", "--json")
@@ -50,33 +51,27 @@ def test_options_alone_are_enough(call, here, monkeypatch):
     answer = json.loads(made.out)
     assert answer["robot"] == "go1"
     assert {check["what"] for check in answer["checks"]} >= {"mass", "inertia matrix", "feet", "limits"}
-    assert (here / "robots" / "go1" / "train.py").is_file()
+    assert (here / "robots" / "go1" / "parameters.toml").is_file()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("none.xml", *OPTIONS), "cannot read robot model none.xml"),
-        ((GO1 / "go1.xml", *OPTIONS[:-2]), "not given: --bus-voltage; a file of --choices"),
-        ((GO1 / "go1.xml", *OPTIONS[2:]), "not given: --abad-motor; a file"),
-        (
-            (GO1 / "go1.xml", "--abad-gear", 6),
-            "not given: --bus-voltage, --abad-motor, --hip-motor, --hip-gear,",
-        ),
-        ((GO1 / "go1.xml", *OPTIONS[:-1], -5), "bus_voltage = -5.0"),
-        ((GO1 / "go1.xml", *OPTIONS, "--name", "../x"), "name = '../x'"),
-        ((GO1 / "go1.xml", *OPTIONS, "--hip-motor", "none.toml"), "cannot read motor file none.toml"),
-        (
-            (GO1 / "go1.xml", *OPTIONS, "--hip-motor", "ak80"),
-            "ROBOT:JOINT such as bp2:hip, or one of cubemars",
-        ),
-        ((GO1 / "motor.toml", *OPTIONS), "cannot be used"),
-        ((GO1 / "go1.xml", "--choices", "none.toml"), "cannot read choices none.toml"),
-    ],
-)
-def test_bad_input_is_refused_with_one_sentence(call, here, arguments, sentence):
-    refused = call("robot", "new", *arguments)
-    assert refused.status == 2
-    assert sentence in refused.err
-    assert refused.err.count("\n") == 1
-    assert not (here / "robots").exists()
+def test_what_nothing_says_is_asked_at_a_terminal(call, here, monkeypatch):
+    answers = iter([24.0])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("rich.prompt.PromptBase.ask", lambda what, **_: next(answers))
+    made = call("robot", "new", GO1 / "go1.xml", *OPTIONS[:-2])
+    assert made.status == 0, made.err
+    assert sl.load_robot("go1").bus_voltage == 24.0 and not list(answers)
+
+
+def test_choices_made_in_python_make_a_robot(tmp_path):
+    joint = sl.JointChoice(motor=str(GO1 / "motor.toml"), gear_ratio=6)
+    joints = {"abad": joint, "hip": joint, "knee": joint}
+    made = sl.import_robot(
+        GO1 / "go1.xml",
+        choices=sl.RobotChoices(name="mydog", bus_voltage=24, joints=joints),
+        output=tmp_path,
+    )
+    assert made.folder == tmp_path / "mydog" and made.robot.total_mass == pytest.approx(12.74, abs=0.01)
+    assert {check["what"] for check in made.to_dict()["checks"]} >= {"mass", "feet"}
+    with pytest.raises(sl.SprintlabError, match="exists"):
+        sl.import_robot(GO1 / "go1.xml", choices=GO1 / "choices.toml", name="mydog", output=tmp_path)

@@ -1,14 +1,17 @@
-"""``sprintlab run``: what it refuses, and that it says so before it touches a robot."""
+"""``sprintlab run`` and ``robot-sim``: clearance before the bus, logs, and what a run tells."""
 
-import contextlib
+import json
 
 import numpy as np
 import pytest
 
+import sprintlab as sl
 from sprintlab import control
-from sprintlab.api.robot_runs import RobotRun
+from sprintlab.api import robot_bus
 from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import run_loop
+
+BEYOND = "unitree://go2@no-such-interface"
 
 
 @pytest.fixture(autouse=True)
@@ -16,122 +19,68 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def assert_refused(outcome, *words):
-    """One sentence on stderr, status 2, nothing on stdout."""
-    assert (outcome.status, outcome.out) == (2, "")
-    assert outcome.err.startswith("sprintlab: ") and len(outcome.err.strip().splitlines()) == 1
-    for word in words:
-        assert word in outcome.err
+@pytest.fixture
+def impatient(monkeypatch):
+    """A loop that waits for a robot for a fifth of a second."""
 
+    def run(controller, bus, options, **more):
+        object.__setattr__(options, "patience", 0.2)
+        return run_loop(controller, bus, options, **more)
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("no-such-policy",), ("no-such-policy", "there is: ")),
-        (("missing.onnx",), ("missing.onnx", "No such file")),
-        (("sprint", "shm://not-here"), ("no robot named 'not-here'",)),
-        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, unitree")),
-        (("sprint", "bp2"), ("an address like shm://bp2",)),
-        (("--robot", "bp3"), ("bp3",)),
-        (("--source", "telepathy"), ("telepathy", "choose one of sprint")),
-        (("--source", "profile:missing.csv"), ("missing.csv",)),
-        (("--top-speed", "-3"), ("-3.0",)),
-        (("--top-speed", "nan"), ("nan",)),
-        (("--priority", "100"), ("loop.priority = 100", "[1, 99]")),
-        (("--duration", "0"), ("loop.duration = 0.0",)),
-        (("--distance", "-1"), ("distance",)),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_one_sentence(call, arguments, words):
-    assert_refused(call("run", *arguments), *words)
-
-
-def test_a_policy_for_another_robot_is_refused_before_the_bus_is_opened(call, write_policy, tmp_path):
-    path = write_policy(tmp_path / "weak.onnx", stiffness=(100.0,) * 12)
-    outcome = call("run", path, "shm://not-here")
-    assert_refused(outcome, "stiffness[FL_abad] differs: the policy has 100.0, robot bp2 has 60.0")
-
-
-def test_the_robot_is_the_policy_s_unless_another_is_named(call):
-    words = ("go1-sprint", "shm://not-here", "--no-log")
-    assert_refused(call("run", *words), "no robot named 'not-here' runs")
-    assert_refused(call("run", *words, "--robot", "bp2"), "the policy has 'go1', robot bp2 has 'bp2'")
+    monkeypatch.setattr("sprintlab.deployment.controller.run_loop", run)
 
 
 def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
     opened, load = [], control.load_policy
     monkeypatch.setattr(control, "load_policy", lambda path: opened.append(path.name) or load(path))
-    assert_refused(call("run", "go1-sprint", "shm://not-here", "--no-log"), "not-here")
+    assert "no robot named 'not-here' runs" in call("run", "go1-sprint", "shm://not-here").err
     assert opened == ["go1-sprint.onnx"]
-
-
-BEYOND = "unitree://go2@no-such-interface"
 
 
 def test_beyond_this_machine_a_policy_is_audited_before_the_bus_is_opened(call, monkeypatch):
     pytest.importorskip("cyclonedds")
     asked = []
-    monkeypatch.setattr(
-        "sprintlab.api.clearance.require_clearance", lambda *what, **how: asked.append((what[-1], how))
-    )
+    judge = "sprintlab.api.clearance.objections"
+    monkeypatch.setattr(judge, lambda policy, robot, speed, **how: asked.append((speed, how)) or [])
     words = ("run", "sprint", BEYOND, "--no-log", "--top-speed", "3")
-    outcome = call(*words, "--source", "sprint-raw")
-    assert outcome.status == 2 and "cannot join DDS domain" in outcome.err
+    assert "cannot join DDS domain" in call(*words, "--source", "sprint-raw").err
     call(*words, "--despite-audit", "sprint")
     call("run", "sprint", "shm://not-here", "--no-log", "--top-speed", "3")
     assert asked == [(3.0, {"self_paced": False})]
-
-
-def test_to_insist_on_a_policy_takes_its_own_name(call):
-    outcome = call("run", "sprint", BEYOND, "--despite-audit", "slow")
-    assert_refused(outcome, "--despite-audit names 'slow', but the policy is 'sprint'")
+    monkeypatch.setattr(judge, lambda *_, **__: ["it fell"])
+    assert "it fell. Lower --top-speed, or give --despite-audit sprint" in call(*words).err
 
 
 @pytest.mark.parametrize(
     ("stored", "said"),
     [(3.0, "top speed: 3 m/s, the highest at which sprint passes"), (0.0, "top speed: 1 m/s, although")],
 )
-def test_without_a_top_speed_it_is_one_at_which_the_policy_passes(monkeypatch, stored, said):
+def test_without_a_top_speed_it_is_one_at_which_the_policy_passes(call, monkeypatch, stored, said):
     monkeypatch.setattr("sprintlab.api.clearance.stored_speed", lambda policy: stored)
-    remarks = []
-    with (
-        contextlib.closing(open_endpoint("shm://default-speed-of-a-test")),
-        RobotRun("sprint", "shm://default-speed-of-a-test", log=False, remark=remarks.append) as run,
-    ):
-        assert run._controller._limiter.limits.forward == (stored or 1.0)
-    assert any(remark.startswith(said) for remark in remarks)
-
-
-def test_beyond_this_machine_a_policy_that_passes_nowhere_is_refused(call, monkeypatch):
-    monkeypatch.setattr("sprintlab.api.clearance.stored_speed", lambda policy: 0.0)
+    outcome = call("run", "sprint", "shm://not-here", "--no-log")
+    assert said in outcome.err
     outcome = call("run", "sprint", BEYOND, "--no-log")
-    assert_refused(outcome, "at no speed from 1 m/s on", "give --top-speed and --despite-audit sprint")
+    assert outcome.status == 2
+    assert ("at no speed from 1 m/s on: give --top-speed and --despite-audit" in outcome.err) == (not stored)
 
 
-def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
-    pytest.importorskip("mcap")
-    log = tmp_path / "run.mcap"
-    log.write_bytes(b"of yesterday")
-    assert_refused(call("run", "sprint", "shm://not-here", "--log", log), "exists already")
-    assert log.read_bytes() == b"of yesterday"
-    link = tmp_path / "link.mcap"
-    link.symlink_to(tmp_path / "nowhere")
-    assert_refused(call("run", "sprint", "shm://not-here", "--log", link), "exists already")
-    assert link.is_symlink()
+def test_a_run_is_logged_unless_told_otherwise(call, monkeypatch, tmp_path):
+    monkeypatch.setattr(robot_bus, "find_spec", lambda name: object())
+    path = robot_bus.log_path(None, "unitree://go2@10.0.0.7")
+    assert path.parent.name == "runs" and path.match("go2-10-0-0-7-????????-??????.mcap")
+    monkeypatch.setattr(robot_bus, "find_spec", lambda name: None)
+    assert "sprintlab[log]" in call("run", "sprint", "shm://not-here", "--top-speed", "3").err
+    assert not list(tmp_path.rglob("*.mcap")), "where no robot is, no log is left behind"
 
 
-@pytest.mark.usefixtures("unlocked_memory")
-def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):
-    """The bus is there, its robot is mute: status 1, the table tells why, only ``off`` was sent."""
-
-    def impatient(controller, bus, options, **more):
-        object.__setattr__(options, "patience", 0.2)
-        return run_loop(controller, bus, options, **more)
-
-    monkeypatch.setattr("sprintlab.deployment.controller.run_loop", impatient)
+@pytest.mark.usefixtures("unlocked_memory", "impatient")
+def test_a_robot_that_says_nothing_is_given_up_with_a_table(call):
+    """Status 1, the table tells why, only ``off`` was sent."""
     endpoint = open_endpoint("shm://mute-for-a-test")
     try:
-        outcome = call("run", "sprint", "shm://mute-for-a-test", "--no-real-time")
+        words = ("run", "sprint", "shm://mute-for-a-test", "--no-real-time", "--top-speed", "3", "--no-log")
+        outcome = call(*words)
+        numbers = json.loads(call(*words, "--json").out)
         sent = []
         while (command := endpoint.receive_command()) is not None:
             sent.append(command)
@@ -142,3 +91,19 @@ def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):
     lacks = outcome.err.index("real time: no real-time priority was asked for")
     assert lacks < outcome.err.index("driving shm://mute-for-a-test")  # said before it drives
     assert sent and not any(np.any(command.stiffness) for command in sent)
+    assert numbers["sprint_time"] is None and numbers["log_problem"] is None
+
+
+def test_a_simulated_robot_tells_its_numbers_and_keeps_its_true_motion(tmp_path):
+    truth = tmp_path / "truth.npz"
+    found = sl.robot_sim(
+        "shm://alone-for-a-test", speed_factor=100.0, duration=0.05, truth=truth, real_time=False
+    )
+    numbers = found.to_dict()
+    assert numbers["simulated_time"] == pytest.approx(0.05, abs=2e-3)
+    assert (numbers["commands_accepted"], numbers["fall_reason"], found.status) == (0, "", 0)
+    assert truth.is_file() and "watchdog trips" in str(found)
+    with pytest.raises(sl.SprintlabError, match="unknown"):
+        sl.robot_sim("shm://alone-for-a-test", robot="no-such-robot")
+    endpoint = open_endpoint("shm://alone-for-a-test")  # the refused one has left the bus
+    endpoint.close()

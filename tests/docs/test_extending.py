@@ -116,15 +116,15 @@ def _through(settings, folder):
     """Train an iteration, export, race a step; returns the result and the settings as they were kept."""
     from dataclasses import replace
 
-    from sprintlab.api.search import protocol_settings
-    from sprintlab.api.training import export, train_settings
+    from sprintlab.api.evaluations import protocol_settings
+    from sprintlab.api.training import train
     from sprintlab.evaluation.race import evaluate_race
     from sprintlab.robots import load_robot
     from sprintlab.training.runs.checkpoint import read_checkpoint
 
     tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
     settings = replace(settings, ppo=tiny)
-    checkpoint = train_settings(
+    trained = train(
         settings,
         output=folder / "run",
         iterations=1,
@@ -133,16 +133,15 @@ def _through(settings, folder):
         fused=False,
         tensorboard=False,
     )
-    policy = export(checkpoint, folder / "policy.onnx")
     result = evaluate_race(
-        policy,
+        trained.policy,
         load_robot(settings.robot),
         top_speed=0.5,
         distance=0.05,
         settings=protocol_settings(1, 0),
         workers=1,
     )
-    return result, read_checkpoint(checkpoint)
+    return result, read_checkpoint(trained.checkpoint)
 
 
 def _training():

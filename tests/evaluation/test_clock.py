@@ -5,7 +5,7 @@ import math
 import pytest
 from tests.short_trials import COARSE
 
-from sprintlab.api.clock_check import clock_numbers, clock_table, clock_verdict
+from sprintlab.api.evaluations import clock_numbers, clock_table, clock_verdict
 from sprintlab.evaluation.clock import CLOCKS, ClockCheck, check_clock, clock_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings

@@ -161,32 +161,32 @@ def saved(path, rollout, **changes):
 def test_names_that_fit_no_motor_are_refused_with_both_lists(tmp_path, names, message):
     path = saved(tmp_path / "a.npz", robot_rollout(), joint_names=np.array(names))
     with pytest.raises(InvalidValueError, match=message):
-        sl.audit_rollout(path, "go1")
+        sl.audit_rollout(path, motor="go1")
 
 
 def test_without_names_the_assumed_order_is_printed(tmp_path):
-    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout(), joint_names=None), "go1")
+    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout(), joint_names=None), motor="go1")
     assert "assumed order of joints: FL_abad, FL_hip, FL_knee, FR_abad" in str(found).replace("\n", " ")
-    assert found.to_dict()["assumed_order"] == robot_motors("go1").names
-    named = sl.audit_rollout(saved(tmp_path / "b.npz", robot_rollout()), "go1")
-    assert named.verdict == found.verdict and "assumed" not in str(named)
+    assert found.to_dict()["assumed_order"] == list(robot_motors("go1").names)
+    named = sl.audit_rollout(saved(tmp_path / "b.npz", robot_rollout()), motor="go1")
+    assert named.found == found.found and "assumed" not in str(named)
 
 
 def test_a_gear_of_the_callers_replaces_the_robots(tmp_path):
-    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout()), "go1", gear_ratio=20.0)
-    assert found.verdict.joints[0].over_speed > 0.3
+    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout()), motor="go1", gear_ratio=20.0)
+    assert found.found.joints[0].over_speed > 0.3
 
 
 def test_a_foot_that_never_touches_is_named(rollout, tmp_path):
     contact = np.repeat(rollout.foot_contact, 4, axis=1) * [1, 1, 1, 0]
     path = saved(tmp_path / "a.npz", rollout, foot_contact=contact, foot_velocity=None, foot_names=LEGS)
-    assert "never on the ground: RR\n" in str(sl.audit_rollout(path, ACTUATOR.name))
+    assert "never on the ground: RR\n" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
     path = saved(tmp_path / "a.npz", rollout, foot_contact=0.0 * contact, foot_velocity=None)
-    printed = str(sl.audit_rollout(path, ACTUATOR.name))
+    printed = str(sl.audit_rollout(path, motor=ACTUATOR.name))
     assert "never on the ground: foot 0, foot 1, foot 2, foot 3\n" in printed
     assert "no foot both touches down and lifts off" in printed
     path = saved(tmp_path / "a.npz", rollout, foot_contact=None, foot_velocity=None)
-    assert "foot_contact was not recorded" in str(sl.audit_rollout(path, ACTUATOR.name))
+    assert "foot_contact was not recorded" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
 
 
 def write_csv(path, rollout):

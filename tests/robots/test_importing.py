@@ -1,5 +1,4 @@
 import re
-import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from sprintlab.robots.importing import (
     read_choices,
     read_source,
 )
+from sprintlab.training.methods import method
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")
@@ -67,7 +67,6 @@ def test_the_go1_of_the_package_is_what_the_import_makes(tmp_path):
     assert sorted(path.name for path in made.folder.iterdir()) == [
         "joints.json",
         "parameters.toml",
-        "train.py",
     ]
 
 
@@ -186,9 +185,9 @@ def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message
     assert not (tmp_path / "robots" / "mine").exists()
 
 
-def test_the_training_configuration_is_scaled_and_valid(tmp_path):
+def test_the_training_settings_of_an_imported_robot_are_scaled(tmp_path):
     made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
-    settings = runpy.run_path(str(made.folder / "train.py"))["settings"]()
+    settings = method("sprint", robot=str(made.folder))
     assert robot_fingerprint(load_robot(settings.robot)) == robot_fingerprint(made.robot)
     assert settings.stages.first_top == pytest.approx(4.934, abs=1e-3)
     assert settings.episodes.knee_clearance == pytest.approx(0.0338, abs=1e-4)

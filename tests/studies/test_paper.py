@@ -83,7 +83,7 @@ def test_a_run_that_has_its_record_is_not_missing(capsys, tmp_path):
     before = capsys.readouterr().out
     write_run(tmp_path, run("baseline", 3))
     main(["plan", "runs/study", "--results", str(tmp_path)])
-    missing = "sprintlab train baseline --seed 3 --output runs/study/sprintlab/baseline/seed-3\n"
+    missing = "sprintlab train bp2 --method baseline --seed 3 --output runs/study/sprintlab/baseline/seed-3\n"
     assert missing in before and missing not in capsys.readouterr().out
 
 

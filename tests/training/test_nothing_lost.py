@@ -42,7 +42,7 @@ SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=
 FLAGS = (
     "train", "bp2", "--set", "simulation.environments=16", "--device", "cpu", "--save-seconds", "0",
     "--set", "ppo.steps=2", "--set", "ppo.epochs=1", "--set", "ppo.mini_batches=2",
-    "--set", "ppo.hidden=[16]", "--plain",
+    "--set", "ppo.hidden=[16]", "--no-tensorboard",
 )  # fmt: skip
 TIMING = ("seconds", "steps_per_second")
 

@@ -9,7 +9,7 @@ import threading
 import pytest
 
 from sprintlab import control
-from sprintlab.api.live import live_session
+from sprintlab.api.replays import live_session
 from sprintlab.cli.main import main, parse
 from sprintlab.viewer.live import Session
 
@@ -91,8 +91,8 @@ def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypa
         (["sprint"], "bp2", ["sprint"]),
         ([], "bp2", ["sprint"]),
     ):
-        command = parse(["play", *arguments])
-        session = live_session(command.policies, command.robot)
+        _, given = parse(["play", *arguments])
+        session = live_session(given["policies"], given["robot"])
         assert session.robot.name == robot
         assert list(session.policy_names) == policies
         assert len(opened) == len(set(opened)) and set(opened) >= set(policies)

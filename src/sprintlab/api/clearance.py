@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from sprintlab.control.policy import SHIPPED_POLICIES
@@ -24,27 +25,52 @@ class ClearanceError(SprintlabError):
     """A policy that falls or would break the robot in simulation."""
 
 
-def require_clearance(
-    name: str, policy: Policy, robot: RobotDescription, top_speed: float, *, self_paced: bool
-) -> None:
-    """Run one nominal trial up to ``top_speed``; refuse a policy that falls or overloads feet or gears in it.
+def permitted_speed(
+    name: str,
+    policy: Policy,
+    robot: RobotDescription,
+    asked: float | None,
+    *,
+    self_paced: bool,
+    needed: bool,
+    tell: Callable[[str], None],
+) -> float:
+    """The highest speed that a policy may be asked for [m/s].
 
     Args:
         name: the policy's name, as the operator gave it.
         policy: the policy to judge.
         robot: the robot that it is to drive.
-        top_speed: highest command [m/s].
+        asked: the operator's choice [m/s]; ``None`` takes the highest at which a simulated trial passes.
         self_paced: whether the command will be held near the measured speed.
+        needed: whether a trial must pass, as for a robot that may be real.
+        tell: told what is simulated, and why this speed.
 
     Raises:
-        ClearanceError: the policy fell, or the audit failed on foot force or gear torque.
+        ClearanceError: a trial must pass, and the policy falls in it or overloads feet or gears.
     """
-    found = objections(policy, robot, top_speed, self_paced=self_paced)
-    if found:
+    if asked is not None:
+        if needed:
+            tell(f"auditing {name} at {asked:g} m/s in simulation first")
+            found = objections(policy, robot, asked, self_paced=self_paced)
+            if found:
+                raise ClearanceError(
+                    f"{name} may not drive a robot at up to {asked:g} m/s: in simulation "
+                    f"{'; '.join(found)}. Lower --top-speed, or give --despite-audit {name}"
+                )
+        return asked
+    speed = stored_speed(policy)
+    if speed is None:
+        tell(f"looking in simulation for the highest speed at which {name} passes its audit")
+        speed = cleared_speed(policy, robot, self_paced=self_paced)
+    least, passes = TRIED_SPEEDS[-1], f"{name} passes its audit in simulation"
+    if not speed and needed:
         raise ClearanceError(
-            f"{name} may not drive a robot at up to {top_speed:g} m/s: in simulation "
-            f"{'; '.join(found)}. Lower --top-speed, or give --despite-audit {name}"
+            f"{passes} at no speed from {least:g} m/s on: give --top-speed and --despite-audit {name}"
         )
+    why = f"the highest at which {passes}" if speed else f"although {passes} at no speed"
+    tell(f"top speed: {speed or least:g} m/s, {why}")
+    return speed or least
 
 
 def stored_speed(policy: Policy) -> float | None:
@@ -59,7 +85,7 @@ def cleared_speed(policy: Policy, robot: RobotDescription, *, self_paced: bool) 
 
 
 def objections(policy: Policy, robot: RobotDescription, top_speed: float, *, self_paced: bool) -> list[str]:
-    """What one nominal trial up to ``top_speed`` [m/s] says against a policy, in words."""
+    """Objections of one nominal trial up to ``top_speed`` [m/s] to a policy, in words."""
     from sprintlab.evaluation.report_text import audit_failure
     from sprintlab.evaluation.trial import TrialRequest, run_trial
 

@@ -1,4 +1,4 @@
-"""What works here, and what to do about the rest."""
+"""``doctor``: what works here, and what to do about the rest."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
-from rich.console import RenderableType
-
-from sprintlab.api.processes import Progress
-from sprintlab.api.tables import Printed, plain_table, styled
+from sprintlab.api.results import Progress, Result, silent, styled, table
 from sprintlab.core.arguments import checked
 from sprintlab.core.extras import keep_compiled_code_private, package_version
 from sprintlab.core.interpreters import new_interpreter
@@ -26,6 +23,7 @@ LEAST_DISK = 1e9
 """Free space that a training run with its checkpoints and logs should find [bytes]."""
 _PROBE_SECONDS = 120.0
 _COLOURS = {"ok": "green", "missing": "yellow", "broken": "red", "not tried": "dim"}
+_CUDA = "import torch; torch.zeros(1, device='cuda:0').add_(1); print(torch.cuda.get_device_name(0))"
 _CAPTURE = """
 import torch
 x = torch.zeros(8, device="cuda:0")
@@ -39,12 +37,14 @@ with torch.cuda.graph(graph):
 graph.replay()
 torch.cuda.synchronize()
 assert x.tolist() == [2.0] * 8
+print("captured and replayed")
 """
 _COMPILE = """
-import sys, torch
-device = sys.argv[1]
+import torch
+device = "cuda:0" if torch.cuda.is_available() else "cpu"
 function = torch.compile(lambda x: (x * 2 + 1).sum())
 assert float(function(torch.ones(64, device=device))) == 192.0
+print(f"compiled and run on {device}")
 """
 
 
@@ -68,67 +68,14 @@ class Finding:
     advice: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Examination(Printed):
-    """What works here, and what to do about the rest."""
-
-    findings: tuple[Finding, ...]
-    """One per thing that was looked at."""
-    training: bool = False
-    """Whether what GPU training lacks counts as a fault."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether nothing is at fault; what is merely not installed is no fault."""
-        return not any(map(self._is_fault, self.findings))
-
-    def _is_fault(self, finding: Finding) -> bool:
-        lacking = finding.state == "missing" and finding.needed_for.startswith("training")
-        return finding.state == "broken" or (self.training and lacking)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Whether all is well, and the findings."""
-        return {"ok": self.ok, "findings": [asdict(finding) for finding in self.findings]}
-
-    def tables(self) -> Iterator[RenderableType]:
-        """The findings, then what to do, each thing once."""
-        table = plain_table("sprintlab doctor", "what", "state", "found", "for")
-        advised: dict[str, list[str]] = {}
-        for finding in self.findings:
-            state = styled(f"[{_COLOURS[finding.state]}]{finding.state}[/]")
-            table.add_row(finding.name, state, finding.found, finding.needed_for)
-            if finding.advice:
-                advised.setdefault(finding.advice, []).append(finding.name)
-        yield table
-        for advice, names in advised.items():
-            yield f"{', '.join(names)}: {advice}"
-
-
-class Outcome(NamedTuple):
-    """What trying a thing showed; fields as in ``Finding``."""
-
-    state: State
-    found: str
-    advice: str = ""
-
-
-class Check(NamedTuple):
-    """A thing that must be tried; ``slow``: it takes long."""
-
-    name: str
-    needed_for: str
-    attempt: Callable[[], Outcome]
-    slow: bool = False
-
-
 @checked
 def doctor(
-    folder: Path | str = Path("."),
     *,
+    folder: Path | str = Path("."),
     thorough: bool = False,
     training: bool = False,
-    progress: Progress = lambda what, share: None,
-) -> Examination:
+    progress: Progress = silent,
+) -> Result:
     """Try out what sprintlab needs: packages, GPU, graph capture, compiler, OpenGL, disk.
 
     Exit status 1 where something is broken, 0 otherwise: what is merely not installed is no fault. With
@@ -142,32 +89,55 @@ def doctor(
         training: also count what GPU training needs and does not find as a fault.
         progress: called with the name of what is looked at.
     """
-    found = examine(Path(folder), lambda name: progress(name, None), thorough or training)
-    return Examination(findings=tuple(found), training=training)
+    findings = list(_findings(Path(folder), thorough or training, progress))
+    faults = [
+        item for item in findings
+        if item.state == "broken"
+        or (training and item.state == "missing" and item.needed_for.startswith("training"))
+    ]  # fmt: skip
+    rows = (
+        (item.name, styled(f"[{_COLOURS[item.state]}]{item.state}[/]"), item.found, item.needed_for)
+        for item in findings
+    )
+    advised: dict[str, list[str]] = {}
+    for item in findings:
+        if item.advice:
+            advised.setdefault(item.advice, []).append(item.name)
+    return Result(
+        numbers={"ok": not faults, "findings": [asdict(item) for item in findings]},
+        shown=[
+            table("sprintlab doctor", "what", "state", "found", "for", rows=rows),
+            *(f"{', '.join(names)}: {advice}" for advice, names in advised.items()),
+        ],
+        found=findings,
+        status=1 if faults else 0,
+    )
 
 
-def examine(
-    folder: Path, begin: Callable[[str], None] = lambda name: None, thorough: bool = False
-) -> Iterator[Finding]:
-    """Every finding, in the order in which one depends on another.
-
-    Args:
-        folder: whose disk is looked at.
-        begin: called with the name of what is looked at next.
-        thorough: also try what takes long.
-    """
+def _findings(folder: Path, thorough: bool, progress: Progress) -> Iterator[Finding]:
+    """Every finding, in the order in which one depends on another."""
     yield Finding(name="Python", state="ok", found=platform.python_version(), needed_for="everything")
     yield Finding(name="platform", state="ok", found=platform.platform(), needed_for="everything")
     yield from package_findings()
-    untried = Outcome("not tried", "", "sprintlab doctor --thorough tries it")
-    for check in CHECKS:
-        begin(check.name)
-        outcome = check.attempt() if thorough or not check.slow else untried
-        yield Finding(name=check.name, needed_for=check.needed_for, **outcome._asdict())
-    yield disk(folder)
+    for name, needed_for, attempt, slow in (
+        ("GPU driver", "training on a GPU", _driver, False),
+        ("CUDA", "training on a GPU", _cuda, True),
+        ("graph capture", "training at full speed", _graph_capture, True),
+        ("C compiler", "training at full speed (torch.compile)", _compiler, False),
+        ("torch.compile", "training at full speed", _compilation, True),
+        ("ONNX Runtime", "running policies", _onnxruntime, False),
+        ("OpenGL backend", "videos", _opengl, True),
+        ("disk", "runs", lambda: room_at(folder), False),
+    ):
+        progress(name, None)
+        tried = (
+            attempt() if thorough or not slow else ("not tried", "", "sprintlab doctor --thorough tries it")
+        )
+        yield Finding(name=name, needed_for=needed_for, **dict(zip(_OUTCOME, tried, strict=True)))  # pyright: ignore[reportArgumentType]
 
 
-# --- packages --------------------------------------------------------------------------------------------
+Outcome = tuple[State, str, str]
+_OUTCOME = ("state", "found", "advice")
 
 
 def package_findings() -> Iterator[Finding]:
@@ -175,26 +145,17 @@ def package_findings() -> Iterator[Finding]:
     from packaging.requirements import Requirement
 
     yield Finding(name="sprintlab", state="ok", found=package_version("sprintlab"), needed_for="everything")
-    seen: set[str] = set()
-    # What several extras bring is named for the commonest use: the base first, then training.
-    asked = sorted(_requirements(), key=lambda text: _extra(text) not in ("", "train"))
-    for text in asked:
-        requirement = Requirement(text)
-        extra = _extra(text)
-        if extra in ("dev", "docs") or requirement.name in seen or requirement.name == "sprintlab":
-            continue
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
-            continue
-        seen.add(requirement.name)
-        yield package_finding(requirement.name, str(requirement.specifier), extra)
-
-
-def _requirements() -> list[str]:
-    """What sprintlab asks for; nothing is known of it where it runs from a source tree."""
     try:
-        return metadata.requires("sprintlab") or []
-    except metadata.PackageNotFoundError:
-        return []
+        asked = [(_extra(text), Requirement(text)) for text in metadata.requires("sprintlab") or []]
+    except metadata.PackageNotFoundError:  # it runs from a source tree
+        asked = []
+    seen = {"sprintlab"}
+    # What several extras bring is named for the commonest use: the base first, then training.
+    for extra, wanted in sorted(asked, key=lambda pair: pair[0] not in ("", "train")):
+        applies = wanted.marker is None or wanted.marker.evaluate({"extra": extra})
+        if applies and extra not in ("dev", "docs") and wanted.name not in seen:
+            seen.add(wanted.name)
+            yield package_finding(wanted.name, str(wanted.specifier), extra)
 
 
 def _extra(requirement: str) -> str:
@@ -213,167 +174,121 @@ def package_finding(name: str, wanted: str, extra: str) -> Finding:
     """
     from packaging.specifiers import SpecifierSet
 
+    state, found, advice = "ok", "not installed", ""
+    try:
+        found = metadata.version(name)
+        if not SpecifierSet(wanted).contains(found, prereleases=True):
+            state, found, advice = "broken", f"{found}, wanted {wanted}", f"pip install '{name}{wanted}'"
+    except metadata.PackageNotFoundError:
+        state = "missing" if extra else "broken"
+        advice = f"pip install 'sprintlab[{extra}]'" if extra else f"pip install '{name}{wanted}'"
     use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
-    command = f"pip install 'sprintlab[{extra}]'" if extra else f"pip install '{name}{wanted}'"
+    return Finding(name=name, state=state, found=found, needed_for=use, advice=advice)  # pyright: ignore[reportArgumentType]
+
+
+def _probe(code: str) -> tuple[bool, str]:
+    """Whether code runs in a process of its own, where it may crash or hang, and the last line it prints."""
+    command = [*new_interpreter(), "-c", code]
     try:
-        version = metadata.version(name)
-    except metadata.PackageNotFoundError:
-        state: State = "missing" if extra else "broken"
-        return Finding(name=name, state=state, found="not installed", needed_for=use, advice=command)
-    if not SpecifierSet(wanted).contains(version, prereleases=True):
-        found = f"{version}, wanted {wanted}"
-        return Finding(
-            name=name, state="broken", found=found, needed_for=use, advice=f"pip install '{name}{wanted}'"
-        )
-    return Finding(name=name, state="ok", found=version, needed_for=use)
-
-
-def _installed(package: str) -> bool:
-    try:
-        metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return False
-    return True
-
-
-# --- what must be tried ----------------------------------------------------------------------------------
-
-
-def _probe(code: str, *arguments: str) -> str | None:
-    """What went wrong with Python code, ``None`` if nothing; in its own process: it may crash or hang."""
-    try:
-        done = subprocess.run(
-            [*new_interpreter(), "-c", code, *arguments],
-            capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False,
-        )  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        return f"no answer in {_PROBE_SECONDS:.0f} s"
-    if done.returncode == 0:
-        return None
-    lines = [line for line in done.stderr.splitlines() if line.strip()]
-    return lines[-1].strip()[:200] if lines else f"exit status {done.returncode}"
+        return False, f"no answer in {_PROBE_SECONDS:.0f} s"
+    lines = (done.stderr if done.returncode else done.stdout).strip().splitlines()
+    return done.returncode == 0, lines[-1].strip()[:200] if lines else f"exit status {done.returncode}"
 
 
 def _driver() -> Outcome:
     if shutil.which("nvidia-smi") is None:
         advice = "install NVIDIA's driver (580 or newer for CUDA 13), or train on the CPU, slowly"
-        return Outcome("missing", "no nvidia-smi", advice)
+        return "missing", "no nvidia-smi", advice
     query = ["nvidia-smi", "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader"]
     done = subprocess.run(query, capture_output=True, text=True, check=False)
     if done.returncode:
         found = (done.stdout + done.stderr).strip().splitlines()[-1:] or ["it fails"]
         advice = "nvidia-smi must list the GPU: reinstall the driver, or reboot after an upgrade"
-        return Outcome("broken", found[0], advice)
-    return Outcome("ok", "; ".join(done.stdout.strip().splitlines()))
+        return "broken", found[0], advice
+    return "ok", "; ".join(done.stdout.strip().splitlines()), ""
 
 
-def _has_gpu() -> bool:
-    """Whether anything here looks like a GPU of NVIDIA's: its tool, its device file, or that of WSL."""
-    devices = (Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"), Path("/dev/dxg"))
-    return shutil.which("nvidia-smi") is not None or any(device.exists() for device in devices)
+def _installed(package: str) -> bool:
+    try:
+        return bool(metadata.version(package))
+    except metadata.PackageNotFoundError:
+        return False
 
 
 def _cuda() -> Outcome:
     if not _installed("torch"):
         return _NO_PYTORCH
-    if not _has_gpu():
-        return Outcome("missing", "no GPU", "needs a GPU and its driver, see above")
-    wrong = _probe("import torch; torch.zeros(1, device='cuda:0').add_(1)")
-    if wrong is not None:
-        advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
-        return Outcome("broken", wrong, advice)
-    asked = "import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))"
-    done = subprocess.run([*new_interpreter(), "-c", asked], capture_output=True, text=True, check=False)
-    return Outcome("ok", done.stdout.strip())
-
-
-def _has_cuda() -> bool:
-    return (
-        _installed("torch")
-        and _has_gpu()
-        and _probe("import torch; assert torch.cuda.is_available()") is None
-    )
+    devices = (Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"), Path("/dev/dxg"))
+    if shutil.which("nvidia-smi") is None and not any(device.exists() for device in devices):
+        return "missing", "no GPU", "needs a GPU and its driver, see above"
+    works, said = _probe(_CUDA)
+    if works:
+        return "ok", said, ""
+    return "broken", said, "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
 
 
 def _graph_capture() -> Outcome:
-    if not _has_cuda():
-        return Outcome("missing", "not tried without CUDA", "needs CUDA, see above")
-    wrong = _probe(_CAPTURE)
-    if wrong is None:
-        return Outcome("ok", "captured and replayed")
-    advice = "update driver and PyTorch; until then train with --no-fused, several times slower"
-    return Outcome("broken", wrong, advice)
+    if _cuda()[0] != "ok":
+        return "missing", "not tried without CUDA", "needs CUDA, see above"
+    works, said = _probe(_CAPTURE)
+    if works:
+        return "ok", said, ""
+    return "broken", said, "update driver and PyTorch; until then train with --no-fused, several times slower"
 
 
 def _compiler() -> Outcome:
     name = os.environ.get("CC") or next((each for each in ("gcc", "clang", "cc") if shutil.which(each)), None)
     if name is None or shutil.which(name) is None:
         advice = "install one, e.g. apt install gcc, or train with --no-fused"
-        return Outcome("missing", f"no {name or 'gcc, clang or cc'}", advice)
+        return "missing", f"no {name or 'gcc, clang or cc'}", advice
     done = subprocess.run([name, "--version"], capture_output=True, text=True, check=False)
-    return Outcome("ok", (done.stdout.splitlines() or [name])[0])
+    return "ok", (done.stdout.splitlines() or [name])[0], ""
 
 
 def _compilation() -> Outcome:
     if not _installed("torch"):
         return _NO_PYTORCH
-    device = "cuda:0" if _has_cuda() else "cpu"
     keep_compiled_code_private()
-    wrong = _probe(_COMPILE, device)
-    if wrong is None:
-        triton = f"Triton {metadata.version('triton')}, " if _installed("triton") else ""
-        return Outcome("ok", f"{triton}compiled and run on {device}")
+    works, said = _probe(_COMPILE)
+    if works:
+        return "ok", said, ""
     advice = "needs a C compiler, Python's headers (apt install python3-dev) and on a GPU Triton"
-    return Outcome("missing" if _compiler().state == "missing" else "broken", wrong, advice)
+    return "missing" if _compiler()[0] == "missing" else "broken", said, advice
 
 
 def _onnxruntime() -> Outcome:
     try:
         from sprintlab.control.onnx_runtime import onnxruntime
     except ImportError as error:
-        return Outcome("broken", str(error), "pip install --upgrade onnxruntime")
-    return Outcome("ok", ", ".join(onnxruntime.get_available_providers()))
+        return "broken", str(error), "pip install --upgrade onnxruntime"
+    return "ok", ", ".join(onnxruntime.get_available_providers()), ""
 
 
 def _opengl() -> Outcome:
     from sprintlab.evaluation.video import working_gl_backend
 
-    backend = working_gl_backend()
-    if backend is not None:
-        return Outcome("ok", backend)
+    if backend := working_gl_backend():
+        return "ok", backend, ""
     advice = "install one, e.g. apt install libegl1 libosmesa6; everything but videos works without"
-    return Outcome("missing", "none renders", advice)
+    return "missing", "none renders", advice
 
 
-def disk(folder: Path) -> Finding:
+def room_at(folder: Path) -> Outcome:
     """Free space where runs are to be written, and whether they may be."""
     place = folder.absolute()
     while not place.exists():
         place = place.parent
-    return Finding(name="disk", needed_for="runs", **_room_at(place)._asdict())
-
-
-def _room_at(place: Path) -> Outcome:
     if not place.is_dir():
-        return Outcome("broken", f"{place} is a file", "choose a folder")
+        return "broken", f"{place} is a file", "choose a folder"
     if not os.access(place, os.W_OK):
         advice = "choose another folder with --output, or change its permissions"
-        return Outcome("broken", f"{place} is read-only", advice)
+        return "broken", f"{place} is read-only", advice
     free = shutil.disk_usage(place).free
-    found = f"{free / 1e9:.1f} GB free at {place}"
-    if free < LEAST_DISK:
-        return Outcome("broken", found, f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB")
-    return Outcome("ok", found)
+    full = free < LEAST_DISK
+    advice = f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB" if full else ""
+    return "broken" if full else "ok", f"{free / 1e9:.1f} GB free at {place}", advice
 
 
-_NO_PYTORCH = Outcome("missing", "no PyTorch", "pip install 'sprintlab[train]'")
-CHECKS = (
-    Check("GPU driver", "training on a GPU", _driver),
-    Check("CUDA", "training on a GPU", _cuda, slow=True),
-    Check("graph capture", "training at full speed", _graph_capture, slow=True),
-    Check("C compiler", "training at full speed (torch.compile)", _compiler),
-    Check("torch.compile", "training at full speed", _compilation, slow=True),
-    Check("ONNX Runtime", "running policies", _onnxruntime),
-    Check("OpenGL backend", "videos", _opengl, slow=True),
-)
-"""In the order in which one depends on another."""
+_NO_PYTORCH: Outcome = ("missing", "no PyTorch", "pip install 'sprintlab[train]'")

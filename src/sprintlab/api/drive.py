@@ -32,8 +32,8 @@ class DriveOptions:
     state_of_charge: float = 1.0
     winding_temperature: float = 25.0
 
-    def plant(self) -> PlantOptions:
-        """How the robot is simulated.
+    def plant(self, **more: Any) -> PlantOptions:
+        """How the robot is simulated; ``more`` are further fields of ``PlantOptions``.
 
         Raises:
             SprintlabError: the supply file or a value is refused.
@@ -45,16 +45,14 @@ class DriveOptions:
 
         check_fields(self)
         check_choice("air", self.air, ("outdoors", "treadmill"))
-
-        found = (
-            SupplyFile(battery=None, heat=None, i2t=None) if self.supply is None else load_supply(self.supply)
-        )
+        supply = load_supply(self.supply) if self.supply else SupplyFile(battery=None, heat=None, i2t=None)
         return PlantOptions(
             drag_area=None if self.air == "outdoors" else 0.0,
             motor_model=cast("Any", self.motor_model),
-            battery=found.battery or ("robot" if self.battery else None),
-            heat=found.heat or (WindingHeat() if self.heat else None),
+            battery=supply.battery or ("robot" if self.battery else None),
+            heat=supply.heat or (WindingHeat() if self.heat else None),
             state_of_charge=self.state_of_charge,
             winding_temperature=self.winding_temperature,
-            i2t=found.i2t,
+            i2t=supply.i2t,
+            **more,
         )

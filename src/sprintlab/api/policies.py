@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rich.console import RenderableType
-
-from sprintlab.api.tables import Printed, plain_table
+from sprintlab.api.results import Result, leave_to_the_parent, table
 from sprintlab.core.arguments import checked
-from sprintlab.core.errors import ContractMismatchError, SprintlabError
+from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
     from sprintlab.control import Policy
@@ -24,197 +20,16 @@ RobotChoice = str | Path | None
 """Name, folder or table of a robot; ``None`` takes that of the policy's contract."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class OfAPolicy(Printed):
-    """What was measured of a policy.
-
-    Attributes:
-        policy: its name.
-        found: the numbers.
-        notes: what differs from the published numbers' plant.
-    """
-
-    policy: str
-    found: Any
-    notes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, keys with units; what is undefined is None."""
-        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
-
-
-def policy_path(policy: PolicyChoice) -> Path:
-    """A policy that comes with the package by name, which no file's name hides, or else a file by path.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-    """
-    from sprintlab.control import shipped_policies, shipped_policy
-
-    if isinstance(policy, Path):
-        return policy
-    has_folder = "\\" in policy or "/" in policy
-    is_path = policy.endswith(".onnx") or has_folder or os.path.exists(policy)
-    return Path(policy) if is_path and policy not in shipped_policies() else shipped_policy(policy)
-
-
-def robot_for(policy: Path, robot: RobotChoice) -> str:
-    """The robot that was asked for, or else the one that the policy's contract names.
-
-    Raises:
-        PolicyFileError: the file is no policy.
-        SprintlabError: the contract names a robot that is not known here.
-    """
-    return robot_of(load_policy(policy), policy.name) if robot is None else robot_word(robot)
-
-
-def trial_pool(policy: Path, robot: RobotChoice, workers: int | None) -> TrialPool:
-    """Processes for trials of a policy on the robot that was asked for, or else on its contract's.
-
-    Raises:
-        SprintlabError: the policy, the robot or the number of processes is refused.
-    """
-    from sprintlab.evaluation.pool import TrialPool
-    from sprintlab.robots import load_robot
-
-    return TrialPool(policy, load_robot(robot_for(policy, robot)), workers)
-
-
-def robot_word(robot: str | Path) -> str:
-    """A robot's name, folder or table as text that means the same."""
-    return str(robot.absolute()) if isinstance(robot, Path) else robot
-
-
-def default_robot() -> str:
-    """The robot where neither a robot nor a policy is named: that of the package's standard policy.
-
-    Raises:
-        PolicyFileError: the standard policy cannot be read.
-    """
-    from sprintlab.control import shipped_policy
-
-    return robot_for(shipped_policy(), None)
-
-
-def robot_of(policy: Policy, name: str) -> str:
-    """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
-
-    Raises:
-        SprintlabError: that robot is not known here.
-    """
-    return known_robot(policy.contract.robot_name, name)
-
-
-def known_robot(robot: str, name: str) -> str:
-    """A robot that a file names; ``name`` is the file's. No file decides which folder is looked into.
-
-    Raises:
-        SprintlabError: that robot is not known here.
-    """
-    from sprintlab.robots import robot_names
-
-    if robot not in robot_names():
-        raise SprintlabError(
-            f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"
-        )
-    return robot
-
-
-def known_policy(policy: str, name: str) -> str:
-    """A policy that a file names; ``name`` is the file's. No file decides which other file is opened.
-
-    Raises:
-        SprintlabError: no policy of that name comes with the package.
-    """
-    from sprintlab.control import shipped_policies
-
-    if policy not in shipped_policies():
-        raise SprintlabError(f"{name} is of policy {policy!r}, unknown here: name its file with --policy")
-    return policy
-
-
-def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
-    """Policies by path or name; a number is added to a name that comes twice.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-    """
-    loaded: dict[str, Any] = {}
-    for name in names:
-        path = policy_path(name)
-        label = path.stem if path.stem not in loaded else f"{path.stem} ({len(loaded) + 1})"
-        loaded[label] = load_policy(path)
-    return loaded
-
-
-def shipped_policies_opened() -> dict[str, Any]:
-    """The policies that come with the package by name, ``sprint`` first."""
-    from sprintlab.control.policy import SHIPPED_POLICIES
-
-    paths = sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem))
-    return {path.stem: load_policy(path) for path in paths}
-
-
-def fitting_policies(policies: dict[str, Any], robot: Any) -> dict[str, Any]:
-    """Those of the policies that were made for this robot.
-
-    Raises:
-        SprintlabError: none of them fits the robot.
-    """
-    from sprintlab.control import check_contract
-
-    fitting: dict[str, Any] = {}
-    for name, policy in policies.items():
-        try:
-            check_contract(policy.contract, robot)
-        except ContractMismatchError:
-            continue
-        fitting[name] = policy
-    if not fitting:
-        raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
-    return fitting
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShippedPolicy:
-    """A policy that comes with the package."""
-
-    name: str
-    """By which every function and command knows it."""
-    robot: str
-    """The robot it was made for."""
-    method: str
-    """The training method."""
-    path: Path
-    """The ONNX file with its contract."""
-
-
-class ShippedPolicies(Printed, tuple[ShippedPolicy, ...]):
-    """The policies that come with the package; a tuple that prints as a table."""
-
-    def tables(self) -> Iterator[RenderableType]:
-        """One row per policy."""
-        rows = ((item.name, item.robot, item.method) for item in self)
-        yield plain_table("Policies", "name", "robot", "method", rows=rows)
-
-    def to_dict(self) -> dict[str, dict[str, str]]:
-        """Robot, method and path by name."""
-        return {
-            item.name: {"robot": item.robot, "method": item.method, "path": str(item.path)} for item in self
-        }
-
-
-def policies() -> ShippedPolicies:
+def policies() -> Result:
     """The policies that come with the package, with what their contracts say."""
     from sprintlab.control import shipped_policies
 
-    found = []
+    found = {}
     for name, path in shipped_policies().items():
         contract = load_policy(path).contract
-        found.append(
-            ShippedPolicy(name=name, robot=contract.robot_name, method=contract.training.method, path=path)
-        )
-    return ShippedPolicies(found)
+        found[name] = {"robot": contract.robot_name, "method": contract.training.method, "path": str(path)}
+    rows = ((name, each["robot"], each["method"]) for name, each in found.items())
+    return Result(numbers=found, shown=[table("Policies", "name", "robot", "method", rows=rows)])
 
 
 @checked
@@ -228,3 +43,73 @@ def load_policy(policy: PolicyChoice) -> Policy:
     from sprintlab.control import load_policy as read
 
     return read(policy_path(policy))
+
+
+def policy_path(policy: PolicyChoice) -> Path:
+    """The file of a policy: a name of the package comes before a file of the same name.
+
+    Raises:
+        PolicyFileError: there is no such policy.
+    """
+    from sprintlab.control import shipped_policies, shipped_policy
+
+    if isinstance(policy, Path):
+        return policy
+    is_path = policy.endswith(".onnx") or bool({"/", "\\"} & set(policy)) or os.path.exists(policy)
+    return Path(policy) if is_path and policy not in shipped_policies() else shipped_policy(policy)
+
+
+def policy_and_robot(policy: PolicyChoice, robot: RobotChoice) -> tuple[Path, str | Path]:
+    """The file of a policy, and the robot that was asked for or else that of its contract.
+
+    Raises:
+        PolicyFileError: there is no such policy.
+        SprintlabError: the contract names a robot that is not known here.
+    """
+    leave_to_the_parent()
+    path = policy_path(policy)
+    return path, robot or robot_of(load_policy(path), path.name)
+
+
+def trial_pool(policy: PolicyChoice, robot: RobotChoice, workers: int | None) -> TrialPool:
+    """Processes for trials of a policy on the robot that was asked for, or else on its contract's.
+
+    Raises:
+        SprintlabError: the policy, the robot or the number of processes is refused.
+    """
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.robots import load_robot
+
+    path, robot = policy_and_robot(policy, robot)
+    return TrialPool(path, load_robot(robot), workers)
+
+
+def robot_of(policy: Policy, name: str) -> str:
+    """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
+
+    Raises:
+        SprintlabError: that robot is not known here.
+    """
+    return known_robot(policy.contract.robot_name, name)
+
+
+def default_robot() -> str:
+    """The robot where neither a robot nor a policy is named: that of the package's standard policy."""
+    from sprintlab.control import shipped_policy
+
+    return robot_of(load_policy(shipped_policy()), "sprint")
+
+
+def known_robot(robot: str, name: str) -> str:
+    """A robot that a file names; ``name`` is the file's. It must be a name: no file chooses a path.
+
+    Raises:
+        SprintlabError: that robot is not known here.
+    """
+    from sprintlab.robots import robot_names
+
+    if robot not in robot_names():
+        raise SprintlabError(
+            f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"
+        )
+    return robot

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
-from sprintlab.api.processes import Progress, leave_to_the_parent
-from sprintlab.api.search import protocol_settings
-from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled, written_for
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_and_robot
+from sprintlab.api.results import Drawn, Progress, command_line, in_notebook, kept, silent, styled, table
 from sprintlab.core.arguments import checked
-from sprintlab.core.checks import check_range
-from sprintlab.core.errors import RobotModelError, UnwrittenError
+from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
 
 if TYPE_CHECKING:
@@ -32,8 +27,6 @@ if TYPE_CHECKING:
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
-
-
 HIGHEST_SPEED = 40.0
 """Highest speed that a robot is asked for [m/s]."""
 
@@ -43,44 +36,16 @@ class Race(Drawn):
     """What a race found; prints as a table, draws itself, writes its report.
 
     Attributes:
-        result: every trial and its numbers.
+        found: every trial and its numbers.
         policy: the policy file.
-        robot: name, folder or table of the robot.
-        folder: where the report lies; ``None`` where none was written.
-        facts: what somebody needs to repeat the race, as the report tells it.
-        video_message: why the report has no video; empty where it has one.
-        robot_fingerprint: of the robot that ran; empty where it is not known.
+        robot: that ran.
+        table: name, folder or parameter table of the robot.
     """
 
-    result: RaceResult
+    found: RaceResult
     policy: Path
-    robot: str
-    folder: Path | None = None
-    facts: dict[str, str] = field(default_factory=dict)
-    video_message: str = ""
-    robot_fingerprint: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain values, keys with units, as in ``result.json``; what is undefined is None."""
-        reported = {} if self.folder is None else {"facts": self.facts, "folder": str(self.folder)}
-        return {**self.result.to_dict(), **reported}
-
-    def tables(self) -> Iterator[RenderableType]:
-        """The audit, what failed of it, raw beside self-paced, remarks, and where the report lies."""
-        from sprintlab.evaluation.report_text import audit_failure
-
-        yield audit_table(self.result.audit)
-        for item in self.result.audit.failed:
-            yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
-        yield from _falls(self.result)
-        yield ""
-        yield result_table(self.result)
-        yield from _engines(self.result)
-        yield from self.result.notes
-        if self.folder is not None:
-            yield f"\nreport: {self.folder / 'report.html'}"
-            yield f"replay: {self.folder / 'replay.html'}"
-            yield self.video_message or f"video: {self.folder / 'sprint.mp4'}"
+    robot: RobotDescription
+    table: str
 
     def plot(self, figure: str = "speed") -> Figure:
         """One figure of the report.
@@ -90,14 +55,12 @@ class Race(Drawn):
 
         Raises:
             InvalidValueError: there is no such figure.
-            RobotModelError: the robot's table is gone, or another robot's now.
         """
-        from sprintlab.core.checks import check_choice
         from sprintlab.core.theme import LIGHT
         from sprintlab.evaluation.report import planned_figures
 
         check_choice("figure", figure, FIGURES)
-        draw = {name: draw for name, _, _, draw in planned_figures(self.result, _robot_that_ran(self))}
+        draw = {name: draw for name, _, _, draw in planned_figures(self.found, self.robot)}
         return in_notebook(draw[figure](LIGHT))
 
     def report(self, folder: Path | str | None = None, *, video: bool = False) -> Path:
@@ -114,8 +77,29 @@ class Race(Drawn):
             SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
         with reserved_directory(Path(folder) if folder else default_folder()) as target:
-            _written(self, target, video, lambda what, share: None)
+            self._write(target, video, silent)
         return target / "report.html"
+
+    def _write(self, target: Path, video: bool, progress: Progress) -> Race:
+        """Write report and replay into a folder; the race, which then names them."""
+        from sprintlab.api.replays import write_race_replay
+        from sprintlab.evaluation.race_files import race_facts, write_race
+
+        facts = race_facts(self.policy, self.found, command_line())
+        message = write_race(
+            target,
+            self.found,
+            self.robot,
+            self.table,
+            facts,
+            video,
+            progress=lambda what: progress(what, None),
+        )
+        progress("writing the replay", None)
+        write_race_replay(target, self.robot)
+        files = [f"\nreport: {target / 'report.html'}", f"replay: {target / 'replay.html'}"]
+        shown = [*self.shown, *files, message or f"video: {target / 'sprint.mp4'}"]
+        return replace(self, numbers={**self.numbers, "facts": facts, "folder": str(target)}, shown=shown)
 
 
 @checked
@@ -128,12 +112,13 @@ def race(
     engine: Literal["mujoco", "drake", "both"] = "mujoco",
     trials: int = 3,
     seed: int = 0,
-    drive: DriveOptions | None = None,
-    workers: int | None = None,
     step_check: bool = False,
-    folder: Path | str | None = None,
+    output: Path | str | None = None,
+    report: bool = False,
     video: bool = False,
-    progress: Progress = lambda what, share: None,
+    drive: DriveOptions = DriveOptions(),
+    workers: int | None = None,
+    progress: Progress = silent,
 ) -> Race:
     """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
 
@@ -146,32 +131,36 @@ def race(
             and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
+        step_check: also compare 1 ms with 0.25 ms simulation steps.
+        output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
+        report: whether a report is written; always with output.
+        video: whether the report has an MP4, too.
         drive: motor model, battery and heat; the published numbers' when left out.
         workers: processes; one a core when left out.
-        step_check: also compare 1 ms with 0.25 ms simulation steps.
-        folder: for the report, which must not exist; when left out, the command line takes
-            runs/race-<date>-<time>, and a program writes none.
-        video: whether the report has an MP4, too; without, none is rendered.
         progress: called with what is being done.
 
     Raises:
         SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
         UnwrittenError: the disk has no room for the report any more; its ``found`` is the race.
     """
-    leave_to_the_parent()
-    _check_race(top_speed, seed, workers, folder)
-    path = policy_path(policy)
-    name = robot_for(path, robot)
+    if top_speed is not None:
+        check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
+    if workers is not None:
+        check_range("workers", workers, 1, 1024)
+    check_range("seed", seed, 0, 2**32 - 1)
+    folder = Path(output) if output else default_folder() if report else None
+    if folder is not None:
+        check_writable(folder)
+    path, name = policy_and_robot(policy, robot)
+    from sprintlab.api.evaluations import protocol_settings
+    from sprintlab.evaluation.race import evaluate_race
     from sprintlab.plant import on_engine
+    from sprintlab.robots import load_robot
 
     both = engine == "both"
-    plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
-    settings = protocol_settings(trials, seed, plant=plant)
-    from sprintlab.evaluation.race import evaluate_race
-    from sprintlab.robots import load_robot, robot_fingerprint
-
+    settings = protocol_settings(trials, seed, plant=on_engine(drive.plant(), "mujoco" if both else engine))
     described = load_robot(name)
-    with nullcontext() if folder is None else reserved_directory(Path(folder)) as target:
+    with nullcontext() if folder is None else reserved_directory(folder) as target:
         progress("running trials", None)
         result = evaluate_race(
             path,
@@ -184,59 +173,52 @@ def race(
             workers=workers,
             progress=progress,
         )
-        fingerprint = robot_fingerprint(described)
-        found = Race(result=result, policy=path, robot=name, robot_fingerprint=fingerprint)
-        with written_for(found):
-            return found if target is None else _written(found, target, video, progress)
+        found = Race(
+            numbers=result.to_dict(),
+            shown=list(_shown(result)),
+            found=result,
+            draw=lambda: found.plot(),
+            policy=path,
+            robot=described,
+            table=str(name.absolute() if isinstance(name, Path) else name),
+        )
+        with kept(found):
+            return found if target is None else found._write(target, video, progress)
 
 
-def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:
-    """Refuse before any work what no race can be run with. Raises ``SprintlabError``."""
-    if top_speed is not None:
-        check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
-    if workers is not None:
-        check_range("workers", workers, 1, 1024)
-    check_range("seed", seed, 0, 2**32 - 1)
-    if folder is not None:
-        check_writable(folder)
+def _shown(result: RaceResult) -> Iterator[RenderableType]:
+    """The audit, what failed of it, every fall, raw beside self-paced, the second engine, remarks."""
+    from sprintlab.evaluation.report_text import audit_failure, engine_fault, engine_table, fall_text
+
+    yield audit_table(result.audit)
+    for item in result.audit.failed:
+        yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+    runs = [("sprint, raw", result.sprint.trial), ("sprint, self-paced", result.sprint_self_paced.trial)]
+    for group, name in ((result.raw, "raw"), (result.self_paced, "self-paced")):
+        runs += [(f"{name}, seed {trial.settings.seed}", trial) for trial in group.trials]
+    yield from (f"{name}: {fall_text(trial)}" for name, trial in runs if trial.fall_reason)
+    yield ""
+    yield result_table(result)
+    if (both := engine_table(result)) is not None:
+        names = tuple(both["names"])
+        yield ""
+        yield table("Two engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
+        if fault := engine_fault(result):
+            yield Text(f"marked: {fault}", style="bold red")
+    yield from result.notes
 
 
-def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race:
-    """The race with its report in a folder, and the 100 m as an interactive page beside it."""
-    from sprintlab.api.replay import write_race_replay
-    from sprintlab.evaluation.race_files import race_facts, write_race
+def audit_table(audit: AuditReport) -> Table:
+    """The exploit audit, one row an exploit."""
+    from sprintlab.evaluation.report_text import audit_limit, audit_measured, audit_verdict
 
-    try:
-        robot = _robot_that_ran(found)
-    except RobotModelError as error:
-        raise UnwrittenError(f"cannot write the report {target}: {error}") from error
-    facts = race_facts(found.policy, found.result, command_line())
-    message = write_race(
-        target, found.result, robot, found.robot, facts, video, progress=lambda what: progress(what, None)
+    columns = ("what", "measured: median of the trials", "limit", "", "where the limit comes from")
+    verdicts = {True: styled("[green]pass[/]"), False: styled("[bold red]FAIL[/]")}
+    rows = (
+        (item.name, audit_measured(item), audit_limit(item), verdicts[item.passed], item.source)
+        for item in audit.items
     )
-    progress("writing the replay", None)
-    write_race_replay(target, robot)
-    return replace(found, folder=target, facts=facts, video_message=message)
-
-
-def _robot_that_ran(found: Race) -> RobotDescription:
-    """The robot of a race; its table may have been edited since.
-
-    Raises:
-        RobotModelError: the table cannot be read, or is another robot's: a picture would be of both.
-    """
-    from sprintlab.robots import load_robot, robot_fingerprint
-
-    described = load_robot(found.robot)
-    if found.robot_fingerprint not in ("", robot_fingerprint(described)):
-        raise RobotModelError(f"robot {found.robot} has changed since the race began: run it again")
-    return described
-
-
-def command_line() -> str:
-    """What was typed, for reports."""
-    name = Path(sys.argv[0]).name or "python"
-    return shlex.join([name.removesuffix(".py") if name == "__main__.py" else name, *sys.argv[1:]])
+    return table(f"Exploit audit: {audit_verdict(audit)}", *columns, numbers=columns[1:3], rows=rows)
 
 
 def result_table(result: RaceResult) -> Table:
@@ -244,52 +226,6 @@ def result_table(result: RaceResult) -> Table:
     from sprintlab.evaluation.report_text import result_rows
 
     title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
-    rows = [row[:4] for row in result_rows(result)]
     columns = ("quantity", "raw", "self-paced", "unit")
-    return plain_table(title, *columns, numbers=columns[1:3], rows=rows)
-
-
-def _falls(result: RaceResult) -> Iterator[str]:
-    """Each fall: when, why, and what the supply had come to."""
-    from sprintlab.evaluation.report_text import fall_text
-
-    runs = [("sprint, raw", result.sprint.trial), ("sprint, self-paced", result.sprint_self_paced.trial)]
-    for group, name in ((result.raw, "raw"), (result.self_paced, "self-paced")):
-        runs += [(f"{name}, seed {trial.settings.seed}", trial) for trial in group.trials]
-    for name, trial in runs:
-        if trial.fall_reason:
-            yield f"{name}: {fall_text(trial)}"
-
-
-def _engines(result: RaceResult) -> Iterator[RenderableType]:
-    """The sprint and the raw trials in both engines, where there are two."""
-    from sprintlab.evaluation.report_text import engine_fault, engine_table
-
-    both = engine_table(result)
-    if both is None:
-        return
-    names = tuple(both["names"])
-    yield ""
-    yield plain_table("Two engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
-    if fault := engine_fault(result):
-        yield Text(f"marked: {fault}", style="bold red")
-
-
-def audit_table(audit: AuditReport) -> Table:
-    """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_limit, audit_measured, audit_verdict
-
-    table = plain_table(
-        f"Exploit audit: {audit_verdict(audit)}",
-        "what",
-        "measured: median of the trials",
-        "limit",
-        "",
-        "where the limit comes from",
-        numbers=("measured: median of the trials", "limit"),
-    )
-    for item in audit.items:
-        values = (audit_measured(item), audit_limit(item))
-        verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
-        table.add_row(item.name, *values, verdict, item.source)
-    return table
+    rows = (row[:4] for row in result_rows(result))
+    return table(title, *columns, numbers=columns[1:3], rows=rows)

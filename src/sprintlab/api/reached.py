@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.table import Table
 
+from sprintlab.api.results import styled, table
 from sprintlab.core.errors import SimulationError, SprintlabError
 from sprintlab.core.reading import read_rows
 
@@ -70,12 +70,10 @@ def _told(found: Reached) -> Iterator[RenderableType]:
         f"reached {speed.running_speed:.2f} m/s in the plant, asked for {speed.top_speed:g} "
         f"({len(speed.completed)} trials); audit {audit_verdict(found.audit)}"
     )
-    table = Table(box=None, pad_edge=False)
-    table.add_column(no_wrap=True)
-    table.add_column("audit")
-    table.add_column("measured: median of the trials", justify="right")
-    table.add_column("limit", justify="right")
-    for item in found.audit.items:
-        verdict = "[green]pass[/]" if item.passed else "[bold red]FAIL[/]"
-        table.add_row(verdict, item.name, audit_measured(item), audit_limit(item))
-    yield table
+    columns = ("measured: median of the trials", "limit")
+    verdicts = {True: styled("[green]pass[/]"), False: styled("[bold red]FAIL[/]")}
+    rows = (
+        (item.name, audit_measured(item), audit_limit(item), verdicts[item.passed])
+        for item in found.audit.items
+    )
+    yield table("Audit", "what", *columns, "", numbers=columns, rows=rows)

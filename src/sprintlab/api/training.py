@@ -1,38 +1,106 @@
-"""``method``, ``train``, ``export``: from settings to a policy file."""
+"""``method``, ``train``, ``sweep``, ``learning`` and ``export``: from settings to a policy file."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from rich.console import RenderableType
+from rich.table import Table
 
-from sprintlab.api.policies import robot_word
-from sprintlab.api.processes import leave_to_the_parent
-from sprintlab.api.tables import Drawn, in_notebook, plain_table
-from sprintlab.core.arguments import checked
-from sprintlab.core.errors import SprintlabError
+from sprintlab.api.reached import what_was_reached
+from sprintlab.api.results import (
+    Drawn,
+    Progress,
+    Result,
+    leave_to_the_parent,
+    remark,
+    silent,
+    table,
+)  # fmt: skip
+from sprintlab.core.arguments import check_kind, checked
+from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
-from sprintlab.core.reading import read_rows
+from sprintlab.core.files import check_writable, check_writable_file
+from sprintlab.core.reading import read_rows, refused_as_damaged
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sprintlab.control.pace import PaceContract
+    from sprintlab.training.runs.sweep import Cluster, RunStatus
     from sprintlab.training.settings import TrainingSettings
 
 _LOG_LIMIT = 64 << 20
 NEEDED = ("torch",)
+UNITS = {
+    "environment_steps": "policy steps",
+    "seconds": "s",
+    "speed_median": "m/s",
+    "speed_p95": "m/s",
+    "speed_p999": "m/s",
+    "range_upper": "m/s",
+    "falls": "per robot and step",
+}
+"""Units of a run's numbers by name."""
 
 
-@dataclass(frozen=True, kw_only=True)
+def require_training() -> None:
+    """Refuse with one sentence where the training extra is not installed.
+
+    Raises:
+        SprintlabError: names a missing package and how to install it.
+    """
+    for name in NEEDED:
+        require_package(name, extra="train", use="training")
+
+
+@checked
+def method(
+    name: str = "sprint",
+    changes: Mapping[str, Any] | None = None,
+    *,
+    robot: str | Path = "bp2",
+    environments: int | None = None,
+    seed: int = 0,
+) -> TrainingSettings:
+    """The settings of a training method, changed where wanted; every choice of a run is a field of them.
+
+    Args:
+        name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
+        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
+        robot: name, folder or table; lengths, speeds and masses are scaled to it.
+        environments: robots side by side.
+        seed: of every random generator.
+
+    Raises:
+        SprintlabError: an unknown method or setting, or a value that is not allowed.
+    """
+    from sprintlab.training import methods
+    from sprintlab.training.settings_text import with_changes
+
+    settings = methods.method(name, robot=_robot_word(robot), seed=seed)
+    sized = {} if environments is None else {"simulation.environments": environments}
+    return with_changes(settings, {**sized, **(changes or {})})
+
+
+def _robot_word(robot: str | Path) -> str:
+    """A robot's name, folder or table as text that means the same in every folder."""
+    return str(robot.absolute()) if isinstance(robot, Path) else robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Training(Drawn):
-    """A training run; prints how far it has come, draws its curves, names its policy."""
+    """A training run; prints how far it has come, draws its curves, names its policy.
+
+    Attributes:
+        folder: of the run: checkpoint, log, settings, policy.
+    """
 
     folder: Path
-    """Of the run: checkpoint, log, settings."""
 
     @property
     def checkpoint(self) -> Path:
@@ -52,217 +120,389 @@ class Training(Drawn):
         """
         return read_rows(self.folder / "log.jsonl", _LOG_LIMIT)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The last row of the log, with the folder and the number of iterations."""
-        rows = self.log()
-        return {"folder": str(self.folder), "iterations": len(rows), **(rows[-1] if rows else {})}
 
-    def tables(self) -> Iterator[RenderableType]:
-        """How far the run has come."""
-        shown = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
-        numbers = self.to_dict()
-        rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in shown if name in numbers)
-        yield plain_table(f"Training in {self.folder}", "what", "value", rows=rows)
+def training_in(folder: Path) -> Training:
+    """The training run of a folder.
 
-    def plot(self) -> Figure:
-        """Speeds, falls and reward over the training time."""
+    Raises:
+        SprintlabError: the run has no log, or a damaged one.
+    """
+    log = read_rows(folder / "log.jsonl", _LOG_LIMIT)
+
+    def draw() -> Figure:
         require_training()
         from sprintlab.training.runs.figures import learning_curve
 
-        return in_notebook(learning_curve(self.log()))
+        return learning_curve(log)
 
-    def export(self, output: Path | str | None = None) -> Path:
-        """The policy of the newest checkpoint as one ONNX file, compared with PyTorch before it counts.
-
-        A training does this by itself at its end; one that was stopped has not.
-
-        Args:
-            output: the file; ``policy.onnx`` in the run's folder when left out.
-
-        Raises:
-            SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
-        """
-        return export(self.checkpoint, self.policy if output is None else output)
-
-
-@checked
-def method(
-    name: str = "sprint",
-    changes: Mapping[str, Any] | None = None,
-    *,
-    robot: str | Path | None = None,
-    environments: int | None = None,
-    seed: int = 0,
-) -> TrainingSettings:
-    """The settings of a training method, changed where wanted; every choice of a run is a field of them.
-
-    Args:
-        name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
-        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16}``.
-        robot: name, folder or table, with lengths, speeds and masses scaled to it; bp2 when left out.
-        environments: robots side by side.
-        seed: of every random generator.
-
-    Raises:
-        SprintlabError: an unknown method or setting, or a value that is not allowed.
-    """
-    from sprintlab.training import methods
-    from sprintlab.training.settings_text import with_changes
-
-    settings = methods.method(name, robot="bp2" if robot is None else robot_word(robot), seed=seed)
-    sized = {} if environments is None else {"simulation.environments": environments}
-    return with_changes(settings, {**sized, **(changes or {})})
+    numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
+    names = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
+    rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in names if name in numbers)
+    shown = [table(f"Training in {folder}", "what", "value", rows=rows)]
+    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
 
 
 @checked
 def train(
-    settings: TrainingSettings | str = "sprint",
-    output: Path | str = "runs/train",
+    robot: str | Path | Any | None = None,
     *,
-    iterations: int | None = None,
+    method: str | None = None,
+    preset: str = "sprintlab",
+    seed: int | None = None,
     minutes: float | None = None,
+    iterations: int | None = None,
+    environments: int | None = None,
+    set: Sequence[str] = (),
+    settings: Path | str | None = None,
     device: str = "auto",
+    output: Path | str = Path("runs/train"),
     resume: bool = False,
-    **options: Any,
+    dry_run: bool = False,
+    save_seconds: float = 60.0,
+    milestones: float | None = None,
+    keep_robots: bool = False,
+    fused: bool = True,
+    tensorboard: bool = True,
+    wandb: str | None = None,
+    figures: bool = False,
 ) -> Training:
-    """Train a policy until the iterations or the time are used up, and export it.
+    """Train a policy for a robot until the time or the iterations are used up, and export it.
 
     Args:
-        settings: of the run, from ``method``; or a method's name.
-        output: folder of the run.
-        iterations: stop at this iteration of the run.
-        minutes: stop after this time; without it and iterations after 7 minutes on a GPU, 60 on a CPU.
-        device: ``cuda:0``, ``cpu`` or ``auto``.
-        resume: go on from the checkpoint in ``output``.
-        options: further fields of ``TrainOptions``, e.g. ``milestones`` or ``tensorboard``.
+        robot: name, folder or table of the robot, to which lengths, speeds and masses are scaled; that of the
+            settings, or bp2, when left out. From Python also settings of a run, as ``sl.method`` gives them.
+        method: sprint (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
+            uniform-commands; literal-acs: commands that follow the robot and move toward nothing;
+            no-saturation; after other papers: rlvrl, lp-acrl, after-hacl, hound, stride-prior.
+        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
+        seed: of every random generator; that of the settings, or 0, when left out.
+        minutes: stop after this much time in this session; without minutes and iterations after 7 on a GPU,
+            60 on a CPU.
+        iterations: stop at this iteration of the run; at most 30,000.
+        environments: robots side by side; 32768 on a GPU and 2048, with small networks, on a CPU when left
+            out.
+        set: a setting that differs from the default, e.g. ppo.steps=16; --dry-run lists all.
+        settings: TOML file of the settings that differ, such as the run.toml of another run.
+        device: cuda:0, cpu or auto.
+        output: folder of the run: checkpoint, log, run.toml and, at its end, policy.onnx.
+        resume: go on from the checkpoint in the folder.
+        dry_run: print every setting as a file for --settings, and train nothing.
+        save_seconds: time between checkpoints.
+        milestones: keep the policy as it is at every multiple of this training time [s], as
+            output/milestones/0030.pt and so on.
+        keep_robots: put the state of every robot into the checkpoint (6 kB each): the run can then go on as
+            if it had not stopped.
+        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
+        tensorboard: curves in output/tensorboard: tensorboard --logdir runs.
+        wandb: project on Weights & Biases that gets the same curves (needs the extra wandb).
+        figures: at the end, pictures of the learning curve, the curriculum and the speeds in the folder.
 
     Raises:
         SprintlabError: the extra is not installed, or a setting or the folder is refused.
     """
     leave_to_the_parent()
-    settings = method(settings) if isinstance(settings, str) else settings
-    train_settings(
-        settings,
-        output=Path(output),
-        iterations=iterations,
+    if not dry_run:
+        require_training()
+    from sprintlab.training import methods
+    from sprintlab.training.runs.options import TrainOptions, check_places
+    from sprintlab.training.settings import TrainingSettings
+    from sprintlab.training.settings_text import read_settings, settings_toml, to_plain, with_changes
+
+    chosen, named = robot, None
+    if not isinstance(robot, TrainingSettings):
+        check_kind("robot", robot, str | Path | None)
+        named = None if robot is None else _robot_word(robot)
+        chosen = methods.method(method or methods.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
+    if settings is not None:
+        chosen = read_settings(Path(settings), chosen)
+        for name, typed in (("robot", named), ("method", method)):
+            if typed not in (None, getattr(chosen, name)):
+                raise InvalidValueError(name, typed, f"{settings} is for {getattr(chosen, name)}")
+    chosen, folder = with_changes(chosen, set), Path(output)
+    if seed is not None:
+        chosen = with_changes(chosen, {"seed": seed})
+    options = TrainOptions(
+        settings=chosen,
+        output=folder,
         minutes=minutes,
+        iterations=iterations,
+        environments=environments,
         device=device,
         resume=resume,
-        **options,
+        save_seconds=save_seconds,
+        milestones=milestones,
+        keep_robots=keep_robots,
+        fused=fused,
+        tensorboard=tensorboard,
+        wandb=wandb,
+        figures=figures,
     )
-    return Training(folder=Path(output))
+    if dry_run:
+        full = options.full_settings()
+        shown = [settings_toml(full).rstrip()]
+        return Training(numbers=to_plain(full), shown=shown, draw=_no_curves, folder=folder)
+    check_places(options)  # before PyTorch is imported, which takes many seconds
+    from sprintlab.training.runs.run import train as run
+
+    run(options)
+    return _training_in(folder, chosen.robot)
+
+
+def _no_curves() -> Figure:
+    raise SprintlabError("nothing was trained: there is no curve to draw")
+
+
+def _training_in(folder: Path, robot: str) -> Training:
+    """The training run of a folder, and what its policy reaches."""
+    log = read_rows(folder / "log.jsonl", _LOG_LIMIT)
+
+    def draw() -> Figure:
+        from sprintlab.training.runs.figures import learning_curve
+
+        return learning_curve(log)
+
+    numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
+    names = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
+    rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in names if name in numbers)
+    shown: list[Any] = []
+    if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
+        remark("three trials in the plant tell what the policy reached")
+        where = f"policy: {folder / 'policy.onnx'}"
+        shown = [table(f"Training in {folder}", "what", "value", rows=rows), where]
+        shown += what_was_reached(folder, robot)
+    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
 
 
 @checked
-def export(checkpoint: Path | str, output: Path | str) -> Path:
-    """A training checkpoint as one ONNX file with its contract; see ``Training.export``.
+def learning(
+    run_folder: Path | str, *, output: Path | str | None = None, progress: Progress = silent
+) -> Result:
+    """Say how far a training run has come, and draw its curves, curriculum and speeds.
+
+    It reads the run's checkpoint, also while the run goes on.
 
     Args:
-        checkpoint: of a training run.
-        output: the file to write.
+        run_folder: folder of the run, with its checkpoint.pt, or a checkpoint.
+        output: folder for the pictures; the run's own when left out.
+        progress: called with what is being done.
 
     Raises:
+        SprintlabError: there is no checkpoint, damaged, or a milestone, or the extra is missing.
+    """
+    require_training()
+    from sprintlab.training.runs.checkpoint import check_checkpoint, read_checkpoint
+
+    run = Path(run_folder)
+    checkpoint = run / "checkpoint.pt" if run.is_dir() else run
+    place = checkpoint.parent if output is None else Path(output)
+    check_checkpoint(checkpoint)  # before PyTorch is imported, which takes many seconds
+    check_writable(place / "learning.png")
+    progress("reading the run", None)
+    from sprintlab.training.runs.figures import learning_figures, learning_numbers
+
+    state = read_checkpoint(checkpoint)
+    if "growth" not in state:
+        raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
+    with refused_as_damaged(checkpoint):
+        numbers = learning_numbers(state)
+        progress("drawing", None)
+        figures = list(map(str, learning_figures(checkpoint, place, state)))
+    texts = {
+        name: f"{value:.6g}" if isinstance(value, float) else str(value) for name, value in numbers.items()
+    }
+    rows = ((name.replace("_", " "), text, UNITS.get(name, "")) for name, text in texts.items())
+    shown = [table(str(checkpoint), "what", "value", "unit", rows=rows), *figures]
+    return Result(numbers={**numbers, "figures": figures}, shown=shown)
+
+
+@checked
+def export(
+    checkpoint: Path | str,
+    output: Path | str,
+    *,
+    braking_power: float | None = None,
+    lead: float | None = None,
+    turning_speed: float | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Write a training checkpoint as one ONNX file that carries its own contract, checked against PyTorch.
+
+    Args:
+        checkpoint: checkpoint of a training run.
+        output: the ONNX file to write.
+        braking_power: the forward command that reaches the network falls no faster than this power for each
+            kilogram of the robot [W/kg]; as it is given when left out.
+        lead: the forward command that reaches the network runs no further ahead of the estimated speed [m/s],
+            and falls as with the default of --braking-power; as far as it is given when left out.
+        turning_speed: the network is asked for more than the commanded yaw rate, for twice as much at this
+            forward speed [m/s], and a loop on the gyroscope adds what is still missing; without, for the one
+            that is commanded.
+        progress: called with what is being done.
+
+    Raises:
+        InvalidValueError: the power, the lead or the speed is out of range.
         SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
     """
     require_training()
-    check_export(Path(checkpoint), Path(output))
-    from sprintlab.training.runs.export import export_checkpoint
-
-    return export_checkpoint(Path(checkpoint), Path(output)).path
-
-
-def check_export(checkpoint: Path, output: Path) -> None:
-    """Refuse at once what can be seen without PyTorch, whose import takes many seconds.
-
-    Raises:
-        SprintlabError: the checkpoint cannot be read, or the policy cannot be written.
-    """
-    from sprintlab.core.files import check_writable_file
+    from sprintlab.control.turning import TurningContract
     from sprintlab.training.runs.checkpoint import check_checkpoint
 
+    checkpoint, output, pace = Path(checkpoint), Path(output), _pace(power=braking_power, lead=lead)
+    turning = None if turning_speed is None else TurningContract(doubling_speed=turning_speed)
     if not checkpoint.is_file():
         raise SprintlabError(f"checkpoint {checkpoint} does not exist")
     if output.is_dir():
         raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
     check_checkpoint(checkpoint)
     check_writable_file(output)
+    progress("exporting", None)
+    from sprintlab.training.runs.export import export_checkpoint
+
+    made = export_checkpoint(checkpoint, output, pace, turning)
+    compared = f"replayed steps: {made.replayed}, greatest difference {made.difference:.1e}"
+    numbers = {**made._asdict(), "path": str(made.path)}
+    return Result(numbers=numbers, shown=[f"policy: {made.path}", compared], found=made)
 
 
-def require_training() -> None:
-    """Refuse with one sentence where the training extra is not installed.
+def _pace(**given: float | None) -> PaceContract | None:
+    from sprintlab.control.pace import PaceContract
 
-    Raises:
-        SprintlabError: names a missing package and how to install it.
-    """
-    for name in NEEDED:
-        require_package(name, extra="train", use="training")
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return PaceContract(**chosen) if chosen else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScriptOptions:
-    """What a training script reads from its command line; its own defaults are an instance.
+@checked
+def sweep(
+    output: Path | str,
+    *,
+    methods: Sequence[str] = (),
+    preset: str = "sprintlab",
+    seeds: int = 3,
+    set: Sequence[str] = (),
+    vary: Sequence[str] = (),
+    minutes: float = 7.0,
+    iterations: int = 30_000,
+    environments: int = 32768,
+    device: str = "auto",
+    per_gpu: int = 1,
+    gpus: int | None = None,
+    cluster: str = "local",
+    partition: str | None = None,
+    save_seconds: float = 60.0,
+    retries: int = 3,
+    dry_run: bool = False,
+    progress: Progress = silent,
+) -> Result:
+    """Train methods x seeds x settings, several at a time; start it again and it goes on.
 
-    Attributes:
-        output: folder of the run.
-        minutes: stop after this much time; without it and iterations 7 on a GPU, 60 on a CPU.
-        iterations: stop at this iteration of the run.
-        environments: robots side by side; the settings' when left out.
-        seed: of every random generator; the settings' when left out.
-        device: ``cuda:0``, ``cpu`` or ``auto``.
-        resume: go on from the checkpoint in ``output``.
-    """
-
-    output: Path
-    minutes: float | None = None
-    iterations: int | None = None
-    environments: int | None = None
-    seed: int | None = None
-    device: str = "auto"
-    resume: bool = False
-
-
-Options = TypeVar("Options", bound=ScriptOptions)
-
-
-def run_script(main: Callable[[Options], object], defaults: Options) -> None:
-    """Run the main function of a training script: parse its options, print what it returns.
+    Every run gets <output>/<method>/seed-<k>/ with checkpoint.pt, log.jsonl, curve.csv, run.json and
+    policy.onnx; with --vary there is a folder of that kind for each combination.
 
     Args:
-        main: gets the options.
-        defaults: of the options; their class may add some to those of ``ScriptOptions``.
+        output: folder of the sweep.
+        methods: to train; all six of the paper when left out.
+        preset: sprintlab, or paper: the paper's reward table to the letter.
+        seeds: number of seeds a method, from 0.
+        set: a setting of every run that differs from the default, e.g. ppo.steps=16.
+        vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
+        minutes: training time of each run, over all sessions.
+        iterations: at which each run ends, if the time has not ended it.
+        environments: robots side by side in each run.
+        device: of each run: auto, cuda:0 or cpu; every worker sees only the GPU that it was given.
+        per_gpu: trainings that share a GPU, or the CPU where there is none; memory must allow it.
+        gpus: GPUs of this machine to use; all when left out.
+        cluster: local: processes of this machine; slurm: jobs with one GPU each.
+        partition: of the Slurm cluster.
+        save_seconds: time between checkpoints: what a lost worker costs at most.
+        retries: how often a run whose worker was lost, or which failed, is started again.
+        dry_run: only say what would be trained.
+        progress: called with how many runs are finished, and the share of the training that is done.
 
     Raises:
-        SystemExit: 2, after one sentence on stderr, where something is refused.
+        SprintlabError: an option is refused, a package is missing, or runs failed; the error's ``found`` then
+            says how every run ended.
     """
-    import tyro
+    from sprintlab.training.methods import METHODS
+    from sprintlab.training.runs.sweep_plan import parse_variations, plan_sweep
+    from sprintlab.training.settings_text import parse_assignment
+
+    check_range("seeds", seeds, 1, 1000)
+    check_choice("cluster", cluster, ("local", "slurm"))
+    plans = plan_sweep(
+        Path(output), tuple(methods) or tuple(METHODS), range(seeds), dict(map(parse_assignment, set)),
+        parse_variations(vary), minutes=minutes, iterations=iterations, environments=environments,
+        device=device, save_seconds=save_seconds, preset=preset,
+    )  # fmt: skip
+    if dry_run:
+        found = [
+            {"run": plan.name, "folder": str(plan.folder), "done": plan.finished(), "hash": plan.digest()}
+            for plan in plans
+        ]
+        cells = ((r["run"], r["folder"], "finished" if r["done"] else "to do", r["hash"][:10]) for r in found)
+        shown = table(f"{len(found)} runs", "run", "folder", "state", "settings", rows=cells)
+        return Result(numbers=found, shown=[shown])
+    require_package("submitit", extra="sweep", use="a sweep")
+    require_training()
+    from sprintlab.training.runs.sweep import Sweep, summary
+
+    training = Sweep(
+        plans, _cluster(cluster, Path(output), minutes, device, per_gpu, gpus, partition), retries
+    )
+    seen: dict[str, tuple[str, int]] = {}
+
+    def watch(runs: Sequence[RunStatus]) -> None:
+        for run in runs:
+            if seen.get(run.plan.name) != (run.state, run.restarts):
+                remark(f"{run.plan.name}: {run.state}, {run.restarts} restarts")
+            seen[run.plan.name] = (run.state, run.restarts)
+        shares = [1.0 if run.state == "finished" else run.plan.share() for run in runs]
+        done = sum(run.state == "finished" for run in runs)
+        progress(f"{done} of {len(runs)} runs finished", sum(shares) / len(shares))
 
     try:
-        print(main(tyro.cli(type(defaults), default=defaults)))
-    except SprintlabError as error:
-        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
-        raise SystemExit(2) from error
+        training.run(watch)
+    except BaseException as error:
+        error.found = Result(numbers=summary(training.runs), shown=[_status(training.runs)])  # pyright: ignore[reportAttributeAccessIssue]
+        raise
+    return Result(numbers=summary(training.runs), shown=[_status(training.runs)], found=training.runs)
 
 
-def train_settings(settings: TrainingSettings, **options: Any) -> Path:
-    """Train with settings made by a script; returns the checkpoint.
+def _cluster(
+    name: str,
+    output: Path,
+    minutes: float,
+    device: str,
+    per_gpu: int,
+    gpus: int | None,
+    partition: str | None,
+) -> Cluster:
+    from sprintlab.training.runs.sweep import LocalCluster, SlurmCluster, job_minutes, visible_gpus
 
-    Args:
-        settings: of the run.
-        options: fields of ``TrainOptions``, and ``seed``; those that are None are left out.
+    folder, most = output / ".jobs", job_minutes(minutes)
+    if name == "slurm":
+        return SlurmCluster(folder, per_gpu, most, partition)
+    found = [] if device == "cpu" else visible_gpus()
+    if gpus is not None:
+        check_range("gpus", gpus, 1, max(1, len(found)))
+    return LocalCluster(folder, per_gpu, found[:gpus], most)
 
-    Raises:
-        SprintlabError: the extra is not installed, or an option or the output folder is refused.
-    """
-    require_training()
-    from sprintlab.core.arguments import check_kind
-    from sprintlab.training.runs.options import TrainOptions, check_places
-    from sprintlab.training.settings import TrainingSettings
 
-    check_kind("settings", settings, TrainingSettings)
-    given = {name: value for name, value in options.items() if value is not None}
-    seed = given.pop("seed", settings.seed)
-    wanted = TrainOptions(settings=replace(settings, seed=seed), **given)
-    check_places(wanted)  # before PyTorch is imported, which takes many seconds
-    from sprintlab.training.runs.run import train
-
-    return train(wanted)
+def _status(runs: Sequence[RunStatus]) -> Table:
+    """How every run stands; the held speed is that of the fastest 0.1 % of the robots."""
+    numbers = ("iteration", "done %", "steps/s", "held m/s", "falls/1k", "minutes to go", "restarts")
+    made = table("sweep", "run", "state", *numbers, numbers=numbers)
+    for run in runs:
+        row, share = run.plan.last_row(), run.plan.share()
+        cells = ("-", "0", "-", "-", "-", "-")
+        if row:
+            to_go = row["seconds"] * (1.0 / max(share, 1e-9) - 1.0) / 60.0
+            cells = (
+                f"{row['iteration']:.0f}",
+                f"{100 * share:.0f}",
+                f"{row['steps_per_second']:.0f}",
+                f"{row['speed_p999']:.2f}",
+                f"{1e3 * row['falls']:.2f}",
+                "0" if run.state == "finished" else f"{to_go:.0f}",
+            )
+        made.add_row(run.plan.name, run.state, *cells, str(run.restarts))
+    return made

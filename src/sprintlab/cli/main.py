@@ -1,224 +1,285 @@
-"""Entry point: parse, run one command, turn every expected failure into one sentence and a status.
+"""The ``sprintlab`` command: every command is a function of ``sprintlab.api``, its parameters the options.
 
-Exit status: 0 done, 1 done but the robot fell or was stopped (``run``, ``robot-sim``), 2 refused with a
-sentence on stderr, 130 interrupted. Heavy imports happen inside the commands, so that ``--help`` answers at
-once.
+Parameters before the ``*`` of a signature are typed without their names; the docstring is the help. Exit
+status: 0 done, 1 done but the robot fell or was stopped (``run``, ``robot-sim``), 2 refused with a sentence
+on stderr, 130 interrupted. Functions import heavy packages when they are called, so that ``--help`` answers
+at once.
 """
 
 from __future__ import annotations
 
 import contextlib
+import difflib
 import functools
+import inspect
 import io
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Any, get_args, get_type_hints
+from dataclasses import MISSING, field, make_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
 from sprintlab.api.doctor import doctor
 from sprintlab.api.evaluations import evaluate
-from sprintlab.api.grounds import ground
-from sprintlab.api.learning import learning
-from sprintlab.api.limits import limit
-from sprintlab.api.races import Race, race
-from sprintlab.api.replay import replay
-from sprintlab.api.robustness import robustness
-from sprintlab.api.rollouts import audit_rollout
-from sprintlab.api.run_reports import report_run
-from sprintlab.api.steering import lap, turning
-from sprintlab.cli.build import FIGURE, choice, command
-from sprintlab.cli.export import Export
-from sprintlab.cli.motor import Motor
-from sprintlab.cli.play import Play
-from sprintlab.cli.robot import Robot
-from sprintlab.cli.robot_sim import RobotSim
-from sprintlab.cli.run import Run
-from sprintlab.cli.status import REFUSED, exit_status
-from sprintlab.cli.sweep import Sweep
-from sprintlab.cli.train import Train
-from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
+from sprintlab.api.limits import audit_rollout, limit
+from sprintlab.api.motors import actuators, envelope, identify_motor, motor_from_datasheet, show_motor
+from sprintlab.api.perturbations import ground, lap, robustness, turning
+from sprintlab.api.races import race
+from sprintlab.api.replays import Playing, play, replay
+from sprintlab.api.reports import report
+from sprintlab.api.results import Drawn, Result
+from sprintlab.api.robot_bus import robot_sim, run
+from sprintlab.api.robots import import_robot, list_robots, show_robot
+from sprintlab.api.training import export, learning, sweep, train
+from sprintlab.cli.output import REFUSED, exit_status, print_json, progress_bar, stdout_console
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
-from sprintlab.core.files import default_folder
+from sprintlab.core.files import check_figure_path
 
-
-def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
-    """A race whose report goes into a folder of its own where none is named."""
-
-    @functools.wraps(race)
-    def run(**given: Any) -> Race:
-        return race(**{**given, "folder": given["folder"] or default_folder()})
-
-    return run
-
-
-COMMANDS = {
+COMMANDS: dict[str, dict[str, Any]] = {
     "see it": {
-        "race": command(_reported(race), names={"folder": "output"}, defaults={"video": True}),
-        "play": Play,
-        "replay": command(replay),
+        "race": functools.partial(race, report=True, video=True),
+        "play": play,
+        "replay": replay,
     },
     "measure": {
-        "evaluate": command(evaluate, required="policy"),
-        "turning": command(turning, required="policy", figure="also draw the map here (.png, .pdf or .svg)."),
-        "lap": command(
-            lap,
-            required="policy",
-            figure="also draw the path here (.png, .pdf or .svg).",
-            status=lambda lap: 1 if lap.found.trial.fall_reason else 0,
-        ),
-        "ground": command(ground, required="policy"),
-        "robustness": command(robustness, names={"folder": "output"}, figure=FIGURE),
-        "audit": command(audit_rollout, figure="torque-speed picture of every joint (.png, .pdf or .svg)."),
-        "limit": command(limit, figure=FIGURE),
+        "evaluate": evaluate,
+        "turning": turning,
+        "lap": lap,
+        "ground": ground,
+        "robustness": robustness,
+        "audit": audit_rollout,
+        "limit": limit,
     },
-    "motors and robots": {"motor": Motor, "robot": Robot},
-    "train": {
-        "train": Train,
-        "sweep": Sweep,
-        "learning": command(learning),
-        "export": Export,
-        "doctor": command(doctor, positional=0, status=lambda examined: 0 if examined.ok else 1),
+    "motors and robots": {
+        "motor": {
+            "envelope": envelope,
+            "from-datasheet": motor_from_datasheet,
+            "identify": identify_motor,
+            "library": actuators,
+            "show": show_motor,
+        },
+        "robot": {"show": show_robot, "new": import_robot, "list": list_robots},
     },
-    "deploy": {
-        "run": Run,
-        "robot-sim": RobotSim,
-        "report": command(report_run, names={"folder": "output", "simulate": "simulation"}),
-    },
+    "train": {"train": train, "sweep": sweep, "learning": learning, "export": export, "doctor": doctor},
+    "deploy": {"run": run, "robot-sim": robot_sim, "report": report},
 }
-"""The commands by what one wants."""
-
-Command = choice({name: kind for kinds in COMMANDS.values() for name, kind in kinds.items()})
-
-
-def named_commands(union: Any) -> dict[str, Any]:
-    """The classes of a union of commands by the names that people type."""
-    return {how.name: kind for kind, how, *_ in map(get_args, get_args(union))}
-
-
-def commands() -> dict[str, str]:
-    """Every command and the first sentence of what it does."""
-    return {
-        name: (kind.__doc__ or "").strip().partition("\n")[0].replace("``", "")
-        for name, kind in named_commands(Command).items()
-    }
+"""The commands by what one wants: functions, or subcommands by their names."""
+ALL = {name: command for commands in COMMANDS.values() for name, command in commands.items()}
+SUMMARIES = {
+    "": "How fast can a legged robot run before its motors, not its controller, stop it?",
+    "motor": "Motors: from a data sheet or a bench to parameters, envelope and picture.",
+    "robot": "Robots and where their numbers come from.",
+}
+REPEATED = ("column", "set", "vary")
+"""Options of several values that are typed once for each."""
+_CONFIG = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff)
 
 
-def grouped_help() -> str:
-    """What ``sprintlab --help`` prints: the commands by what one wants."""
-    known = commands()
-    lines = [
-        "usage: sprintlab COMMAND [OPTIONS]",
-        "",
-        "How fast can a legged robot run before its motors, not its controller, stop it?",
-    ]
-    for title, names in COMMANDS.items():
-        lines += ["", title]
-        for name in names:
-            lines += textwrap.wrap(
-                known[name], 100, initial_indent=f"  {name:<11} ", subsequent_indent=" " * 14
-            )
-    return "\n".join(
-        [*lines, "", "sprintlab COMMAND --help lists a command's options; sprintlab --version the version."]
-    )
+def typed(function: Callable[..., Result]) -> Any:
+    """A dataclass of a function's parameters, from which the parser is made."""
+    hints, options = get_type_hints(_bare(function)), list[tuple[str, Any, Any]]()
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name == "progress":
+            continue
+        kind = _kind(hints[name])
+        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
+            kind = tyro.conf.Positional[kind]
+        elif name in REPEATED:
+            kind = tyro.conf.UseAppendAction[kind]
+        default = MISSING if parameter.default is parameter.empty else parameter.default
+        options.append((name, kind, field(default=default)))
+    if issubclass(hints["return"], Drawn):
+        what = tyro.conf.arg(help="picture to draw (.png, .pdf or .svg); none when left out.")
+        options.append(("figure", Annotated[Path | None, what], field(default=None)))
+    said = tyro.conf.arg(help="print JSON only.")
+    options.append(("json", Annotated[bool, said], field(default=False)))
+    documented = {"__doc__": inspect.getdoc(_bare(function))}
+    return make_dataclass("Typed", options, namespace=documented, kw_only=True, frozen=True)
 
 
-def refuse_unknown(words: Sequence[str]) -> None:
-    """Name the nearest command where somebody mistyped one, also one of ``motor`` or ``robot``.
+def _bare(function: Any) -> Any:
+    return function.func if isinstance(function, functools.partial) else function
+
+
+def _kind(kind: Any) -> Any:
+    """What is typed for a parameter: the first type of those that it takes, for a sequence any number."""
+    if get_origin(kind) is Sequence:
+        return tuple[_kind(get_args(kind)[0]), ...]
+    if get_origin(kind) not in (Union, UnionType):
+        return kind
+    first, *others = (each for each in get_args(kind) if each in (str, int, float, Path, type(None)))
+    return first | None if type(None) in others else first
+
+
+def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
+    """Call a function with what was typed; print and draw the result, and return its status.
+
+    A result is printed also where its files or its picture cannot be written.
 
     Raises:
-        SprintlabError: there is no such command.
+        SprintlabError: the picture cannot be drawn there, or what the function raises.
     """
-    level, typed = Command, "sprintlab"
-    for word in words:
-        known = named_commands(level)
-        if word.startswith("-"):
-            return
-        if word not in known:
-            hint = did_you_mean(word, known, f"{typed} --help lists all commands")
-            raise SprintlabError(f"there is no command {printable(word)}: {hint}")
-        level, typed = get_type_hints(known[word], include_extras=True).get("command"), f"{typed} {word}"
-        if level is None:
-            return
+    given = dict(given)
+    json, figure = given.pop("json"), given.pop("figure", None)
+    draws = issubclass(get_type_hints(_bare(function))["return"], Drawn)
+    drawn = {"figure": None if figure is None else str(figure)} if draws else {}
+    check_figure_path(figure)
+    try:
+        with progress_bar(quiet=json) as progress:
+            if "progress" in inspect.signature(function).parameters:
+                given["progress"] = progress
+                progress("loading", None)
+            found = function(**given)
+    except BaseException as error:
+        if isinstance(kept := getattr(error, "found", None), Result):
+            _print(kept, json, drawn)
+        raise
+    _print(found, json, drawn)
+    if figure is not None and isinstance(found, Drawn):
+        from sprintlab.core.theme import save_figure
+
+        save_figure(figure, found.plot())
+        if not json:
+            stdout_console().print(f"figure: {figure}", soft_wrap=True)
+    if isinstance(found, Playing):
+        found.run()
+    return found.status
 
 
-def parse(arguments: Sequence[str]) -> Any:
-    """Turn a command line into the command that it names; nothing runs yet.
+def _print(found: Result, json: bool, drawn: dict[str, str | None]) -> None:
+    if not json:
+        stdout_console().print(found, soft_wrap=True)
+        return
+    numbers = found.to_dict()
+    print_json({**numbers, **drawn} if isinstance(numbers, dict) else numbers)
+
+
+def summary(name: str, command: Any) -> str:
+    """The first sentence of what a command does."""
+    text = SUMMARIES[name] if isinstance(command, dict) else inspect.getdoc(_bare(command)) or ""
+    return text.partition("\n")[0].replace("``", "")
+
+
+def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str:
+    """What ``sprintlab --help`` prints: the commands by what one wants; or the subcommands of one of them."""
+    called = f"sprintlab {title}".rstrip()
+    lines = [f"usage: {called} COMMAND [OPTIONS]", "", SUMMARIES[title]]
+    for heading, group in COMMANDS.items() if commands is None else [("commands", commands)]:
+        lines += ["", heading]
+        for name, command in group.items():
+            told = f"  {name:<14} " if commands else f"  {name:<11} "
+            rest = {"initial_indent": told, "subsequent_indent": " " * len(told)}
+            lines += textwrap.wrap(summary(name, command), 100, **rest)
+    more = "" if title else "; sprintlab --version the version"
+    return "\n".join([*lines, "", f"{called} COMMAND --help lists a command's options{more}."])
+
+
+def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, Any]]:
+    """The function that a command line names, and its arguments; nothing runs yet.
 
     Raises:
-        SprintlabError: an option is not one of the command.
+        SprintlabError: there is no such command, or an option is not one of the command.
         SystemExit: help was printed, or the command line makes no sense.
     """
-    said = io.StringIO()
+    words, named, level = list(arguments), list[str](), ALL
+    while isinstance(level, dict):
+        place = " ".join(named)
+        if not words or words[0] in ("-h", "--help"):
+            print(grouped_help(place, level if named else None))
+            raise SystemExit(0 if words else REFUSED)
+        if words[0] not in level:
+            hint = did_you_mean(
+                words[0], level, f"sprintlab {place} --help".replace("  ", " ") + " lists all commands"
+            )
+            raise SprintlabError(f"there is no command {printable(words[0])}: {hint}")
+        named.append(words.pop(0))
+        level = level[named[-1]]
+    kind, said = typed(level), io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            return _parse(arguments)
+            found = tyro.cli(kind, prog=f"sprintlab {' '.join(named)}", args=words, config=_CONFIG)
     except SystemExit as stop:
         if stop.code == REFUSED:
-            named = command_words(arguments)
-            refuse_unknown_option(" ".join(named), arguments[len(named) :], _help_of(named))
+            refuse_unknown_option(" ".join(named), words, help_of(kind))
         print(said.getvalue(), end="", file=sys.stderr)
         raise
+    return level, vars(found)
 
 
-def command_words(words: Sequence[str]) -> list[str]:
-    """The first words, as far as they name a command: ``["motor", "envelope"]``."""
-    level, named = Command, list[str]()
-    for word in words:
-        known = {} if level is None else named_commands(level)
-        if word not in known:
-            break
-        named.append(word)
-        level = get_type_hints(known[word], include_extras=True).get("command")
-    return named
+def did_you_mean(word: str, known: Any, otherwise: str, most: int = 2) -> str:
+    """``did you mean ...?`` with the nearest names, or what to do where none is near."""
+    near = difflib.get_close_matches(word, list(known), n=most, cutoff=0.5)
+    return f"did you mean {' or '.join(near)}?" if near else otherwise
 
 
-def _help_of(named: Sequence[str]) -> str:
+def help_of(kind: Any) -> str:
+    """What ``--help`` of a command prints."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        _parse([*named, "--help"])
+        tyro.cli(kind, args=["--help"], config=_CONFIG)
     return said.getvalue()
 
 
-def _parse(arguments: Sequence[str]) -> Any:
-    return tyro.cli(
-        Command,
-        prog="sprintlab",
-        description="How fast can a legged robot run before its motors stop it? (See also --version.)",
-        args=list(arguments),
-        config=(
-            tyro.conf.OmitArgPrefixes,
-            tyro.conf.OmitSubcommandPrefixes,
-            tyro.conf.FlagCreatePairsOff,
-        ),
-    )
+def refuse_unknown_option(command: str, words: Sequence[str], help_text: str) -> None:
+    """Name the nearest option where the first unknown one was typed.
+
+    Raises:
+        SprintlabError: one of the words is an option that the command's help does not list.
+    """
+    known = set(re.findall(r"(?<![\w-])--[a-z][\w.-]*", help_text))
+    for word in words:
+        option = word.partition("=")[0].replace("_", "-")
+        if option.startswith("--") and option not in known:
+            hint = did_you_mean(option, known, f"sprintlab {command} --help lists all", most=1)
+            raise SprintlabError(f"{command} has no option {printable(option)}: {hint}")
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Parse and run one command.
+def completion(arguments: Sequence[str]) -> None:
+    """Print a shell's completion script for all commands, as ``--tyro-print-completion SHELL`` asks.
 
-    Returns:
-        The command's exit status.
+    Raises:
+        SystemExit: always; tyro ends after it.
+    """
+
+    def union(commands: dict[str, Any]) -> Any:
+        kinds = (
+            Annotated[
+                make_dataclass("Group", [("command", union(each))])
+                if isinstance(each, dict)
+                else typed(each),
+                tyro.conf.subcommand(name=name),
+            ]
+            for name, each in commands.items()
+        )
+        return Union[tuple(kinds)]  # noqa: UP007 (a tuple cannot be joined with |)
+
+    tyro.cli(union(ALL), prog="sprintlab", args=list(arguments), config=_CONFIG)
+
+
+def run_words(arguments: Sequence[str]) -> int:
+    """Parse and run one command; returns its exit status.
 
     Raises:
         SprintlabError: the command was refused or failed.
         SystemExit: help was printed, or the command line makes no sense.
     """
-    if not arguments or list(arguments[:1]) in (["--help"], ["-h"]):
-        print(grouped_help())
-        return 0 if arguments else REFUSED
-    refuse_unknown(arguments)
     if list(arguments) == ["--version"]:
         print(f"sprintlab {package_version('sprintlab')}")
         return 0
-    return parse(arguments).run()
+    if arguments and arguments[0].startswith("--tyro-"):
+        completion(arguments)
+    return run_command(*parse(arguments))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; no expected failure shows a traceback."""
-    return exit_status("sprintlab", lambda: run(sys.argv[1:] if arguments is None else arguments))
+    return exit_status("sprintlab", lambda: run_words(sys.argv[1:] if arguments is None else arguments))
 
 
 if __name__ == "__main__":

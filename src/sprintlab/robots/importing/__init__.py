@@ -13,4 +13,3 @@ from sprintlab.robots.importing.source import SourceRobot as SourceRobot
 from sprintlab.robots.importing.source import read_source as read_source
 from sprintlab.robots.importing.write import ImportedRobot as ImportedRobot
 from sprintlab.robots.importing.write import import_robot as import_robot
-from sprintlab.robots.importing.write import training_text as training_text

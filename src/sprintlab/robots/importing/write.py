@@ -18,7 +18,7 @@ from sprintlab.robots.importing.table import robot_table, table_text
 from sprintlab.robots.loader import TABLE_FILE, load_robot_file
 from sprintlab.robots.model import ModelOptions, build_model
 
-MAP_FILE, TRAINING_FILE = "joints.json", "train.py"
+MAP_FILE = "joints.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ class ImportedRobot:
     """What an import made.
 
     Attributes:
-        folder: with ``parameters.toml``, ``joints.json`` and ``train.py``.
+        folder: with ``parameters.toml`` and ``joints.json``.
         robot: as it is read back from there.
         checks: comparisons with the source.
     """
@@ -60,52 +60,5 @@ def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path
         build_model(robot, ModelOptions(collisions="full"))
         maps: Mapping[str, object] = {name: asdict(item) for name, item in fitted.maps.items()}
         atomic_write_json(draft / MAP_FILE, maps)
-        atomic_write_text(draft / TRAINING_FILE, training_text(choices.name))
         checks = run_checks(source, fitted, choices, robot)
     return ImportedRobot(folder=folder, robot=robot, checks=checks)
-
-
-def training_text(name: str) -> str:
-    """A training configuration in Python: BP2's, its lengths, speeds and masses scaled to the robot."""
-    return _TEMPLATE.format(name=name)
-
-
-_TEMPLATE = '''"""Train a sprint policy for {name}.
-
-    pip install 'sprintlab[train]'
-    python train.py --minutes 8 --output runs/{name}
-    sprintlab race runs/{name}/policy.onnx
-
-Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a run can be set here, with
-``dataclasses.replace``.
-"""
-
-from __future__ import annotations
-
-from pathlib import Path
-
-from sprintlab.api.training import ScriptOptions, run_script, train_settings
-from sprintlab.training.scaling import scaled_settings
-from sprintlab.training.settings import TrainingSettings
-
-ROBOT = Path(__file__).resolve().parent
-DEFAULTS = ScriptOptions(output=Path("runs/{name}"), minutes=8.0)
-
-
-def settings() -> TrainingSettings:
-    """The training settings of {name}."""
-    return scaled_settings(str(ROBOT / "parameters.toml"))
-
-
-def main(options: ScriptOptions) -> Path:
-    """Train; returns the checkpoint.
-
-    Raises:
-        SprintlabError: the extra is not installed, or an option or the output folder is refused.
-    """
-    return train_settings(settings(), **vars(options))
-
-
-if __name__ == "__main__":
-    run_script(main, DEFAULTS)
-'''

@@ -1,4 +1,4 @@
-"""Ctrl-C and termination signals, counted instead of raised: what runs a robot ends in good order."""
+"""Ctrl-C and termination signals: a command tidies up, and what runs a robot counts them instead."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ _asked: list[int] = []  # signals that asked a command to end, also those whose 
 
 @contextmanager
 def tidy_termination() -> Generator[None]:
-    """Ctrl-C and a termination signal end the block as an exit does: what is half-written is tidied away.
+    """Ctrl-C, a termination signal or a hangup ends the block as an exit does: temporary files are removed.
 
-    So does a hangup (a closed terminal), unless that is ignored (``nohup``).
-
-    Of a storm of signals, as of a key that is held, one a second counts: the others would end the tidying.
+    A hangup (a closed terminal) does not where it is ignored (``nohup``). When signals come in quick
+    succession, as from a key that is held, one a second counts: the others would end the tidying.
     """
     last = -_REPEATED
 
@@ -36,7 +35,7 @@ def tidy_termination() -> Generator[None]:
     try:
         with handled_by(leave, kinds + terminations()):
             yield
-    except Exception as error:  # a compiled function that is interrupted may say something else
+    except Exception as error:  # a compiled function that is interrupted may raise something else
         if not _asked or isinstance(error, SprintlabError):
             raise
         raise _ending() from error
@@ -52,13 +51,12 @@ def _ending() -> BaseException:
 def counted_interruptions() -> Generator[Callable[[], int]]:
     """Yield a function that tells how many Ctrl-C and termination signals have come.
 
-    A hangup (a closed terminal, a lost connection) counts too where nothing came before it: shells and
-    systems tell of it several times, and of a session's end by a termination signal as well. Such a signal
-    is a new request a second after the last. Where a hangup is ignored (``nohup``) it stays so.
+    A closed terminal or the end of a session sends several signals, which count once: a hangup counts only
+    as the first, a termination signal only if a second has passed since the last one that counted.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed before and its exception was lost, as in a callback of Python's
-            own while modules are imported; ``SystemExit`` likewise: what was asked to end does not begin.
+            own while modules are imported; ``SystemExit`` after another signal.
     """
     received: list[int] = []
     last = -_REPEATED
@@ -69,7 +67,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
         same = number != signal.SIGINT and (number == HANGUP or now - last < _REPEATED)
         if not (received and same):
             received.append(number)
-            last = now  # of those that counted: who asks again and again is heard
+            last = now
 
     with handled_by(note, [signal.SIGINT, *terminations()]):
         if _asked:

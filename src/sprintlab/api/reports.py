@@ -1,0 +1,101 @@
+"""``report``: the log of a run on a robot as figures, numbers and one page, beside its simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sprintlab.api.policies import known_robot, policy_path
+from sprintlab.api.results import Progress, Result, kept, silent, table
+from sprintlab.core.arguments import checked
+from sprintlab.core.errors import SprintlabError
+
+if TYPE_CHECKING:
+    from sprintlab.evaluation.results import TrialResult
+    from sprintlab.evaluation.run_report import TrackRun
+    from sprintlab.robots import RobotDescription
+
+
+@checked
+def report(
+    log: Path,
+    *,
+    output: Path | None = None,
+    robot: str | None = None,
+    policy: str | None = None,
+    distance: float = 100.0,
+    simulation: bool = True,
+    progress: Progress = silent,
+) -> Result:
+    """Draw a log of ``sprintlab run``, with the same commands in simulation beside it.
+
+    Args:
+        log: the log (.mcap).
+        output: result folder, which must not exist; runs/report-<date>-<time> when left out.
+        robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
+        policy: the policy to simulate; the log's when left out, if it comes with the package.
+        distance: length of the sprint [m].
+        simulation: whether the simulation stands beside the run; without it the log is drawn alone.
+        progress: called with what is being done.
+
+    Raises:
+        SprintlabError: the log, the robot, the policy or the folder is refused.
+        UnwrittenError: the disk has no room for the report any more; its ``found`` is the report's numbers.
+    """
+    from sprintlab.core.checks import check_positive
+    from sprintlab.core.files import check_new_folder, default_folder
+
+    check_positive("distance", distance, "m")
+    folder = Path(output) if output else default_folder(prefix="report")
+    check_new_folder(folder)
+    from sprintlab.api.log_trial import logged_run
+    from sprintlab.control import load_policy, shipped_policies
+    from sprintlab.deployment.log import read_log
+    from sprintlab.evaluation.run_report import number_rows, run_numbers, simulate_commands
+    from sprintlab.robots import load_robot
+
+    progress("reading the log", None)
+    log, record = Path(log), read_log(log)
+    described = load_robot(robot or known_robot(record.facts["robot"], log.name))
+    told = record.facts.get("policy", "sprint")
+    if simulation and policy is None and told not in shipped_policies():  # no log chooses a file
+        raise SprintlabError(f"{log.name} is of policy {told!r}, unknown here: name its file with --policy")
+    run, simulated = logged_run(record, described, distance), None
+    if simulation:
+        progress("simulating the same commands", None)
+        loaded, command = load_policy(policy_path(policy or told)), run.command[:, 0]
+        simulated = simulate_commands(loaded, described, run.command_time, command, run.trial.hold_interval)
+    numbers = {**run_numbers(run, simulated), "faults": run.faults, "facts": record.facts}
+    columns = ("robot", "simulation")
+    rows = [tuple(row.values()) for row in number_rows(numbers)]
+    rows += [(f"fault {name}", str(count), "", "") for name, count in run.faults.items()]
+    shown = table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
+    found = Result(numbers={**numbers, "folder": None}, shown=[shown], found=run)
+    with kept(found):
+        _write(folder, run, simulated, described, numbers, progress)
+    where = f"\nreport: {folder / 'report.html'}"
+    return replace(found, numbers={**numbers, "folder": str(folder)}, shown=[shown, where])
+
+
+def _write(
+    folder: Path,
+    run: TrackRun,
+    simulation: TrialResult | None,
+    robot: RobotDescription,
+    numbers: dict[str, Any],
+    progress: Progress,
+) -> None:
+    from sprintlab.core import files
+    from sprintlab.evaluation.run_report import make_run_pictures, render_run_report
+
+    pictures = make_run_pictures(
+        run, simulation, robot, lambda what: progress(f"drawing: {what.lower()}", None)
+    )
+    faults = ((f"fault {name}", str(count)) for name, count in numbers["faults"].items())
+    page = render_run_report(run, simulation, pictures, [*numbers["facts"].items(), *faults])
+    with files.atomic_directory(folder) as temporary:
+        for picture in pictures:
+            files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
+        files.atomic_write_json(temporary / "result.json", numbers)
+        files.atomic_write_text(temporary / "report.html", page)

@@ -1,0 +1,254 @@
+"""The command line itself: what is typed arrives, help, mistyped words, status and progress."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from sprintlab.api.results import Drawn, Progress, Result, silent
+from sprintlab.cli import main as entry
+from sprintlab.cli.main import ALL, grouped_help, main, parse, run_command
+from sprintlab.cli.output import progress_bar
+from sprintlab.core.errors import UnwrittenError
+from sprintlab.core.joystick import DEFAULT_DEVICE
+
+HEAVY = ("mujoco", "torch", "onnxruntime", "matplotlib", "numpy", "warp")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wind:
+    """Air that moves.
+
+    Attributes:
+        gust: [m/s].
+    """
+
+    gust: float = 0.0
+
+
+def say(
+    place: str | Path,
+    count: int = 2,
+    *,
+    paths: Sequence[Path | str] = (),
+    set: Sequence[str] = (),
+    robot: str | Path | None = None,
+    quick: bool = False,
+    fair: bool = True,
+    wind: Wind = Wind(),
+    progress: Progress = silent,
+) -> Result:
+    """Say what was given.
+
+    Args:
+        place: where.
+        count: how often.
+        paths: files.
+        set: one thing.
+        robot: its name.
+        quick: or slow.
+        fair: or not.
+        wind: of the day.
+        progress: told what is done.
+    """
+    progress("said", 1.0)
+    given = {name: value for name, value in locals().items() if name != "progress"}
+    return Result(numbers={name: repr(value) for name, value in given.items()}, shown=["said"], status=count)
+
+
+@pytest.fixture
+def said(call, monkeypatch):
+    """What the function above gets from a command line."""
+    monkeypatch.setitem(ALL, "say", say)
+
+    def run(*words):
+        outcome = call("say", *words, "--json")
+        return outcome.status, json.loads(outcome.out)
+
+    return run
+
+
+def test_what_is_typed_arrives_as_the_function_takes_it(said):
+    words = "here 5 --paths a b --set a=1 --set b=2 --robot 7 --quick --no-fair --gust 3"
+    assert said(*words.split()) == (
+        5,
+        {
+            "place": "'here'",
+            "count": "5",
+            "paths": repr((Path("a"), Path("b"))),
+            "set": "('a=1', 'b=2')",
+            "robot": "'7'",
+            "quick": "True",
+            "fair": "False",
+            "wind": "Wind(gust=3.0)",
+        },
+    )
+
+
+def test_what_is_left_out_is_the_functions_default(said):
+    status, found = said("here")
+    assert (status, found["paths"], found["robot"], found["wind"]) == (2, "()", "None", "Wind(gust=0.0)")
+
+
+def test_help_is_the_docstring(call, said):
+    text = call("say", "--help").out
+    for shown in ("Say what was given.", "how often.", "of the day.", "--gust", "--json"):
+        assert shown in text
+    assert "progress" not in text and "--figure" not in text and "--count" not in text
+    missing = call("say")
+    assert missing.status == 2 and "required" in missing.err
+
+
+@pytest.mark.parametrize("name", ["evaluate", "turning", "lap", "ground"])
+def test_what_takes_minutes_asks_for_the_policy(name, call):
+    assert "POLICY" in call(name).err.upper()
+    assert parse([name, "sprint"])[1]["policy"] == "sprint"
+
+
+def test_a_result_is_printed_also_where_its_file_cannot_be_written(capsys):
+    def fails() -> Result:
+        error = UnwrittenError("no room")
+        error.found = Result(numbers={"speed": float("nan")}, shown=["slow"])
+        raise error
+
+    with pytest.raises(UnwrittenError):
+        run_command(fails, {"json": True})
+    assert json.loads(capsys.readouterr().out) == {"speed": None}
+    with pytest.raises(UnwrittenError):
+        run_command(fails, {"json": False})
+    assert capsys.readouterr().out == "slow\n"
+
+
+def test_a_figure_is_refused_before_the_work_and_drawn_after_it(tmp_path, capsys):
+    from matplotlib.figure import Figure
+
+    def drawn() -> Drawn:
+        return Drawn(numbers={}, shown=[], draw=lambda: Figure())
+
+    with pytest.raises(Exception, match=r"\.png"):
+        run_command(drawn, {"json": True, "figure": tmp_path / "a.jpg"})
+    run_command(drawn, {"json": True, "figure": tmp_path / "a.png"})
+    assert json.loads(capsys.readouterr().out) == {"figure": str(tmp_path / "a.png")}
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_text_of_files_is_shown_and_not_obeyed(call, monkeypatch):
+    monkeypatch.setitem(ALL, "say", lambda: None)
+    name = "a\x1b[2Jb \u202egnp [red]"
+    monkeypatch.setattr("sprintlab.robots.robot_names", lambda: (name,))
+    assert call("robot", "list").out == "a\\x1b[2Jb \\u202egnp [red]\n"
+
+
+def test_help_imports_nothing_heavy_and_lists_every_command_once():
+    code = (
+        "import sys, sprintlab.cli.main as m\n"
+        "try: m.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        f"print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    lines = done.stdout.splitlines()
+    listed = [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "]
+    assert sorted(listed) == sorted(ALL) and len(lines) <= 50 and max(map(len, lines)) <= 110
+
+
+def every_command(commands=ALL, before=()):
+    for name, command in commands.items():
+        if isinstance(command, dict):
+            yield from every_command(command, (*before, name))
+        else:
+            yield (*before, name)
+
+
+@pytest.mark.parametrize("words", every_command(), ids=" ".join)
+def test_every_command_has_help(call, words):
+    outcome = call(*words, "--help")
+    assert outcome.status == 0 and "--json" in outcome.out
+
+
+def test_nothing_typed_shows_the_commands_and_is_no_success(call):
+    assert call() == (2, grouped_help() + "\n", "")
+    motor = call("motor")
+    assert motor.status == 2 and "identify" in motor.out and call("motor", "--help").status == 0
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("rase", "did you mean race"),
+        ("trian", "did you mean train"),
+        ("motor identfy bench.csv", "did you mean identify"),
+        ("xyzzy", "sprintlab --help lists"),
+        ("motor xyzzy", "sprintlab motor --help lists"),
+        ("race sprint --topspeed 13", "race has no option --topspeed: did you mean --top-speed?"),
+        ("race sprint --outptu=here", "race has no option --outptu: did you mean --output?"),
+        ("motor envelope go1 --figur x.png", "no option --figur: did you mean --figure?"),
+        ("train --environmnts 16", "train has no option --environmnts: did you mean --environments?"),
+        ("train bp2 --set ppo.stepz=3", "ppo.stepz"),
+    ],
+)
+def test_a_mistyped_word_is_answered_with_the_nearest(typed, meant, call):
+    if "stepz" in typed:
+        pytest.importorskip("torch")
+    outcome = call(*typed.split())
+    assert outcome.status == 2 and meant in outcome.err and len(outcome.err.splitlines()) == 1
+
+
+def test_the_version_is_that_of_the_package(call):
+    assert call("--version") == (0, f"sprintlab {metadata.version('sprintlab')}\n", "")
+
+
+def test_completion_knows_every_command(call):
+    script = call("--tyro-print-completion", "bash").out
+    assert all(name in script for name in ("race", "identify", "robot-sim", "--top-speed"))
+
+
+def test_a_gamepad_has_a_default_device():
+    assert parse(["play"])[1]["gamepad"] is False
+    chosen = parse(["play", "sprint", "--gamepad", "--open"])[1]
+    assert (chosen["gamepad"], chosen["gamepad_device"]) == (True, DEFAULT_DEVICE)
+
+
+def test_a_reader_that_leaves_early_is_no_error():
+    shell = f"{sys.executable} -m sprintlab.cli.main robot show | head -1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, env=os.environ, check=False)
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+
+
+def test_the_package_runs_as_a_module():
+    words = [sys.executable, "-m", "sprintlab", "robot", "show", "no-robot"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 2 and "'no-robot'" in done.stderr
+
+
+def test_an_interruption_ends_with_130(call, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(entry, "run_words", interrupt)
+    assert call("race") == (130, "", "sprintlab: interrupted\n")
+
+
+def test_progress_is_told_where_stderr_is_not_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("sprintlab.cli.output.LINE_SECONDS", 0.0)
+    with progress_bar() as report:
+        report("running trials", 0.5)
+    with progress_bar(quiet=True) as report:
+        report("in silence", 0.5)
+    assert capsys.readouterr().err == "running trials: 50 %, about 0 s left\n"
+
+
+def test_a_robot_has_a_row_for_every_parameter(call):
+    rows = json.loads(call("robot", "show", "bp2", "--json").out)
+    assert len(rows) > 50 and all(row["basis"] and row["unit"] for row in rows)
+    shown = call("robot", "show").out
+    assert all(row["quantity"] in shown for row in rows) and "\x1b" not in shown
+    assert json.loads(call("robot", "list", "--json").out)[0] == "bp2"
+    assert main(["robot", "list"]) == 0

@@ -1,0 +1,81 @@
+"""``sprintlab turning``, ``lap``, ``ground`` and ``robustness``, with a policy that stands still."""
+
+import json
+
+import numpy as np
+import pytest
+from tests.short_trials import shorten_trials
+
+from sprintlab.evaluation import ground
+from sprintlab.evaluation.ground import GroundResult, GroundTrials
+from sprintlab.evaluation.turning import TurningSettings
+
+
+@pytest.mark.usefixtures("short_trials")
+def test_turning_is_mapped(call, policy, tmp_path, monkeypatch):
+    shorten_trials(monkeypatch.setitem, {TurningSettings: {"turn": 2.0}})
+    figure = tmp_path / "turning.svg"
+    outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--figure", figure)
+    assert outcome.status == 0 and "half of mu g" in outcome.out and "+50 %" in outcome.out
+    assert "Falls: 0" in outcome.out and figure.read_text().startswith("<?xml")
+
+
+@pytest.mark.usefixtures("short_trials")
+def test_a_lap_leaves_its_recording_or_at_least_its_numbers(call, policy, tmp_path, monkeypatch):
+    # Who stands has failed the sooner, the earlier a lap must be finished.
+    monkeypatch.setattr("sprintlab.evaluation.lap.LapCourse.latest_finish", 6.0)  # s
+    recording = tmp_path / "lap.npz"
+    outcome = call("lap", policy, "--top-speed", 14, "--recording", recording)
+    assert f"sprintlab replay {recording}" in " ".join(outcome.out.split())
+    with np.load(recording) as arrays:
+        assert {"time", "qpos", "command"} <= set(arrays)
+
+    def full(path, trajectory):
+        from sprintlab.core.errors import UnwrittenError
+
+        raise UnwrittenError(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr("sprintlab.evaluation.race_files.save_trajectory", full)
+    outcome = call("lap", policy, "--top-speed", 14, "--recording", tmp_path / "other.npz")
+    assert outcome.status == 2 and "other.npz: No space left on device" in outcome.err
+    assert "energy from the bus" in outcome.out and "recording" not in outcome.out
+
+
+def test_one_line_a_ground(call, policy, monkeypatch):
+    def measured(pool, settings, progress):
+        speeds = {"level": 10.0, "uphill": 8.0, "downhill": 10.4, "rough": float("nan")}
+        grounds = [
+            GroundTrials(name=name, trials=2, held_speed=speed, falls=() if speed == speed else ("tilt",) * 2)
+            for name, speed in speeds.items()
+        ]
+        return GroundResult(settings=settings, grounds=tuple(grounds))
+
+    monkeypatch.setattr(ground, "compare_grounds", measured)
+    words = ("ground", policy, "--trials", 2, "--slope", 0.1, "--workers", 1)
+    lines = call(*words).out.splitlines()
+    assert "10 m/s commanded" in lines[0]
+    (uphill,) = (line for line in lines if "10 % uphill" in line)
+    assert "2 of 2" in uphill and "-20 %" in uphill and "not met" in uphill
+    (downhill,) = (line for line in lines if "10 % downhill" in line)
+    assert "+4 %" in downhill and "not met" not in downhill
+    (rough,) = (line for line in lines if "±2 cm" in line)
+    assert "0 of 2 (tilt)" in rough and "not met" in rough
+    rows = json.loads(call(*words, "--json").out)["grounds"]
+    assert rows[1]["change"] == pytest.approx(-0.2) and rows[3]["held_speed_m_s"] is None
+
+
+@pytest.mark.usefixtures("brief_trials")
+def test_robustness_prints_draws_and_goes_on(call, policy, tmp_path):
+    trials = ("--trials", 2, "--cause-trials", 1, "--distance", 0.2, "--workers", 1)
+    where = ("--output", tmp_path / "sprints")
+    picture = ("--figure", tmp_path / "picture.png")
+    outcome = call("robustness", policy, "--top-speed", 2, *trials, *where, *picture)
+    assert outcome.status == 0
+    assert "upright" in outcome.out and "One cause at a time" in outcome.out and "friction" in outcome.out
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+    files = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "sprints").iterdir()}
+    assert len(files) == 2 + 11 + 1
+    numbers = json.loads(call("robustness", policy, *trials, *where, "--json").out)
+    assert numbers["trials"] == 2 and numbers["top_speed_command_m_s"] == 2.0
+    assert 0.0 <= numbers["share_upright"] <= 1.0 and len(numbers["causes"]) == 10
+    assert files == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "sprints").iterdir()}

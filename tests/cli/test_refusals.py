@@ -1,0 +1,302 @@
+"""What cannot work is refused before any work, in one sentence with status 2; nothing is left behind."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sprintlab
+from sprintlab.api.drive import DriveOptions
+from sprintlab.motors import Battery, HousedHeat, I2tLimit, WindingHeat
+from sprintlab.plant import PlantOptions
+
+SOURCE, GO1 = Path(sprintlab.__file__).parents[1], Path(__file__).parents[2] / "examples" / "go1"
+WITHOUT_TORCH = """
+import contextlib, importlib.util, io, json, os, sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("torch", "warp", "mujoco_warp", "matplotlib"):
+            raise SystemExit(f"imported {name}")
+
+importlib.util.find_spec = lambda name, *rest: object()
+sys.meta_path.insert(0, Refuse())
+from sprintlab.cli.main import main
+
+def answer(words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = main(words)
+        except SystemExit as stop:
+            status = stop.code
+    return status, out.getvalue(), err.getvalue(), sorted(os.listdir())
+
+print(json.dumps([answer(words) for words in json.load(sys.stdin)]))
+"""
+MOTORS = "--abad-motor motor.toml --hip-motor motor.toml --knee-motor motor.toml"
+GEARS = "--abad-gear 6 --hip-gear 6 --knee-gear 9"
+REFUSED = (
+    ("train bp2 --method gallop", "method"),
+    ("train nodog", "nodog"),
+    ("train --minutes -1", "minutes"),
+    ("train --resume --output none", "nothing to resume"),
+    ("train --device gpu", "device"),
+    ("train --output file/run", "cannot write"),
+    ("train --set ppo.stepz=3", "ppo.stepz"),
+    ("train --settings none.toml", "none.toml"),
+    ("sweep s --methods sprinting --dry-run", "sprinting"),
+    ("sweep s --set ppo.steps --dry-run", "expected e.g. ppo.steps=8"),
+    ("sweep s --set ppo.steps=0 --dry-run", "steps"),
+    ("sweep s --seeds 0", "seeds"),
+    ("sweep s --save-seconds nan", "save_seconds"),
+    ("export none.pt policy.onnx", "none.pt"),
+    ("export junk.pt policy.onnx", "junk.pt"),
+    ("learning none", "none"),
+    ("learning junk.pt", "junk.pt"),
+    ("race none.onnx", "No such file"),
+    ("race gallop", "gallop"),
+    ("race broken.onnx", "damaged"),
+    ("race foreign.onnx", "not a sprintlab policy"),
+    ("race other.onnx", "stiffness"),
+    ("race lost.onnx", "lost.onnx is for robot 'mydog'"),
+    ("evaluate lost.onnx", "--robot"),
+    ("run lost.onnx", "--robot"),
+    ("evaluate go1-sprint --robot bp2", "robot_name differs"),
+    ("race --robot half.toml", "half.toml"),
+    ("race --top-speed 1e9", "top_speed"),
+    ("race --top-speed nan", "top_speed"),
+    ("race --trials 0", "trials"),
+    ("race --workers 0", "workers"),
+    ("race --output file/run", "cannot write"),
+    ("race --output lost", "lost exists already"),
+    ("race --output loop/run", "cannot write"),
+    ("race --motor-model cubic", "plant.motor_model"),
+    ("evaluate sprint --battery --state-of-charge 50", "plant.state_of_charge"),
+    ("evaluate sprint --heat --winding-temperature 400", "plant.winding_temperature"),
+    ("race --supply none.toml", "cannot read supply file none.toml"),
+    ("evaluate sprint --grid 1e-300", "grid"),
+    ("evaluate sprint --output file/numbers.json", "cannot write"),
+    ("evaluate sprint --output .", "it is a folder"),
+    ("evaluate sprint --output pipe", "a pipe, a device or an open file"),
+    (f"evaluate sprint --output {'n' * 300}", "File name too long"),
+    ("turning sprint --speeds 99", "turning.speeds"),
+    ("turning sprint --figure picture.gif", ".png"),
+    ("lap sprint --top-speed 0.5", "lap.top_speed"),
+    ("lap sprint --recording lap.txt", "recording"),
+    ("ground sprint --top-speed 99", "ground.top_speed"),
+    ("ground sprint --slope 2", "ground.slope"),
+    ("ground sprint --roughness -1", "ground.roughness"),
+    ("robustness --trials 0", "trials"),
+    ("robustness --distance -5", "distance"),
+    ("robustness --top-speed -1", "top_speed"),
+    ("robustness --output file", "another"),
+    ("robustness --output pipe", "another"),
+    ("limit nodog", "robot 'nodog' is unknown"),
+    ("limit --starts 0", "starts = 0"),
+    ("limit --factors 0.01", "factors = 0.01"),
+    ("limit --figure pipe.png", "a pipe, a device or an open file"),
+    ("limit --results pipe", "there is no folder pipe"),
+    ("limit --results loop", "there is no folder loop"),
+    ("motor envelope bp2 ankle", "knee"),
+    ("motor envelope bp2 hip --bus-voltage -4", "bus_voltage"),
+    ("motor envelope --points 1", "points"),
+    ("motor envelope spot", "mit-mini-cheetah"),
+    ("motor envelope --trajectory none.npz", "cannot read"),
+    ("motor envelope --trajectory half.toml", "no recorded trajectory"),
+    ("motor show bad-motor.toml --bus-voltage 60", "bad-motor.toml"),
+    ("motor show motor.toml", "bus_voltage is not given"),
+    ("motor library u13", "choose one of cubemars-ake80-8"),
+    ("motor library --save x.toml", "name the actuator"),
+    ("motor from-datasheet none.toml", "cannot read"),
+    ("motor from-datasheet", "--template"),
+    ("motor identify none.csv --output loop/motor.toml", "cannot write"),
+    ("motor identify none.csv --pole-pairs 21", "cannot read"),
+    ("robot show spot", "bp2"),
+    (f"robot new none.xml {MOTORS} {GEARS} --bus-voltage 24", "cannot read robot model none.xml"),
+    (f"robot new go1.xml {MOTORS} {GEARS}", "not given: --bus-voltage; a file of --choices"),
+    (
+        f"robot new go1.xml {GEARS} --bus-voltage 24",
+        "--abad-motor, --hip-motor, --knee-motor",
+    ),
+    (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage -5", "bus_voltage = -5.0"),
+    (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage 24 --name ../x", "name = '../x'"),
+    (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage 24 --hip-motor ak80", "ROBOT:JOINT such as bp2:hip"),
+    (f"robot new motor.toml {MOTORS} {GEARS} --bus-voltage 24", "cannot be used"),
+    ("robot new go1.xml --choices none.toml", "cannot read choices none.toml"),
+    ("replay no-run --output loop", "cannot write"),
+    ("report none.mcap --output lost", "lost exists already"),
+    ("report none.mcap --output file/report", "cannot write"),
+    ("run sprint shm://not-here", "no robot named 'not-here'"),
+    ("run sprint http://bp2", "choose one of shm, unitree"),
+    ("run sprint bp2", "an address like shm://bp2"),
+    ("run --robot bp3", "bp3"),
+    ("run --source telepathy", "choose one of sprint"),
+    ("run --source profile:missing.csv", "missing.csv"),
+    ("run --top-speed -3", "-3.0"),
+    ("run --priority 100", "loop.priority = 100"),
+    ("run --duration 0", "loop.duration = 0.0"),
+    ("run --distance -1", "distance"),
+    ("run go1-sprint shm://not-here --robot bp2", "the policy has 'go1', robot bp2 has 'bp2'"),
+    ("run other.onnx shm://not-here", "stiffness[FL_abad] differs: the policy has 20.0, robot bp2 has 60.0"),
+    ("run --despite-audit slow", "--despite-audit names 'slow', but the policy is 'sprint'"),
+    ("run sprint shm://not-here --log file", "exists already"),
+    ("robot-sim shm://no --truth t.npz", "give --duration too"),
+    ("robot-sim shm://no --duration 1 --truth loop/truth.npz", "cannot write"),
+    ("robot-sim shm://no --duration 1 --truth truth.csv", "truth's ending"),
+    ("robot-sim shm://no --duration 1e308 --truth t.npz", "duration of a truth = 1e+308"),
+)
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory, write_policy) -> dict[str, list[Any]]:
+    """The folder's content and the answer to each command; PyTorch and matplotlib cannot be imported."""
+    folder = tmp_path_factory.mktemp("typed")
+    write_policy(folder / "foreign.onnx", with_contract=False)
+    write_policy(folder / "other.onnx", stiffness=(20.0,) * 12)
+    lost = write_policy(folder / "lost.onnx", robot_name="mydog")
+    (folder / "broken.onnx").write_bytes(lost.read_bytes()[:-900])
+    for name, text in {
+        "junk.pt": "no checkpoint",
+        "file": "",
+        "broken.mcap": "no log",
+        "half.toml": 'name = "half"\n[body.total_mass]\nvalue = 3\n',
+        "bad-motor.toml": "[motor]\npole_pairs = 21\nstator_resistance = -1.0\n",
+    }.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for name in ("go1.xml", "motor.toml"):
+        shutil.copy(GO1 / name, folder)
+    for name, target in {"lost": "nowhere", "loop": "loop", "loop.png": "loop.png"}.items():
+        (folder / name).symlink_to(target)
+    for name in ("pipe", "pipe.png"):
+        os.mkfifo(folder / name)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH],
+        input=json.dumps([words.split() for words, _ in REFUSED]),
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(SOURCE)},
+        check=True,
+    )
+    answers = zip(REFUSED, json.loads(done.stdout), strict=True)
+    before = {*os.listdir(folder)} - {"runs"}
+    return {words: [before, *answer] for (words, _), answer in answers}
+
+
+@pytest.mark.parametrize(("words", "said"), REFUSED, ids=[words[:60] for words, _ in REFUSED])
+def test_refused_before_any_work(refusals, words: str, said: str) -> None:
+    before, status, out, err, after = refusals[words]
+    sentence = err.splitlines()[-1]  # after remarks, as on what is simulated first
+    assert (status, out) == (2, ""), err
+    assert sentence.startswith("sprintlab: ") and said in sentence
+    assert {*after} - {"runs"} == before
+
+
+def test_a_rollout_that_is_none_is_refused(call, tmp_path):
+    (tmp_path / "broken.mcap").write_bytes(b"no log")
+    for name in ("none.npz", "broken.mcap"):
+        outcome = call("audit", tmp_path / name, "--motor", "bp2")
+        assert outcome.status == 2 and outcome.err.count("\n") == 1 and name in outcome.err
+
+
+def test_doctor_imports_nothing_that_takes_long(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH], input='[["doctor", "--json"]]', text=True, cwd=tmp_path,
+        stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(SOURCE)}, check=True,
+    )  # fmt: skip
+    [[_, out, err, _]] = json.loads(done.stdout)
+    assert '"not tried"' in out and "imported" not in err + out
+
+
+@pytest.mark.parametrize(
+    ("command", "package", "extra"),
+    [("train bp2", "torch", "train"), ("sweep runs", "submitit", "sweep"), ("play", "viser", "play")],
+)
+def test_without_its_extra_a_command_says_how_to_install_it(
+    call, monkeypatch, tmp_path, command, package, extra
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    outcome = call(*command.split())
+    assert outcome.status == 2 and f"package {package}" in outcome.err
+    assert f"pip install 'sprintlab[{extra}]'" in outcome.err
+
+
+def test_options_of_the_drive_turn_on_what_they_name(tmp_path):
+    assert DriveOptions().plant() == PlantOptions() and DriveOptions().plant().remarks == ()
+    plant = DriveOptions(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4).plant()
+    assert (plant.motor_model, plant.battery, plant.state_of_charge) == ("flux-weakening", "robot", 0.4)
+    assert plant.heat == WindingHeat() and len(plant.remarks) == 3
+    for text, battery, heat, i2t in (
+        ("[battery]\nseries_cells = 12\n", Battery(series_cells=12), None, None),
+        (
+            "[heat]\nhousing_heat_capacity = 80.0\nhousing_thermal_resistance = 1.5\n",
+            None,
+            HousedHeat(housing_heat_capacity=80.0, housing_thermal_resistance=1.5),
+            None,
+        ),
+        (
+            "[i2t]\ncontinuous_current = 20.0\npeak_duration = 2.0\n",
+            None,
+            None,
+            I2tLimit(continuous_current=20.0, peak_duration=2.0),
+        ),
+    ):
+        (tmp_path / "pack.toml").write_text(text)
+        plant = DriveOptions(supply=tmp_path / "pack.toml").plant()
+        assert (plant.battery, plant.heat, plant.i2t) == (battery, heat, i2t)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must hold the tables"),
+        ("battery = 3\n", "battery = 3"),
+        ("[battery]\nresistance = 1\n", "battery.resistance"),
+        ("[battery]\nvoltage_table = [3.0, 4.2]\n", "one voltage for each charge"),
+        ("[heat]\nheat_capacity = ['a']\n", "heat"),
+        ("[i2t]\ncontinuous_current = 20.0\n", "give peak_duration or time_constant"),
+        ("[battery\n", "not a TOML file"),
+    ],
+)
+def test_a_bad_supply_file_is_refused_in_one_sentence(call, tmp_path, text, message):
+    (tmp_path / "pack.toml").write_text(text)
+    outcome = call("race", "--no-report", "--supply", tmp_path / "pack.toml")
+    assert outcome.status == 2 and message in outcome.err and outcome.err.count("\n") == 1
+
+
+QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video")
+
+
+def test_nan_in_a_trajectory(call, tmp_path, policy, computed):
+    computed.raw.trials[0].trajectory.qvel[7, 1] = np.nan
+    outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
+    assert outcome.status == 2 and "no finite number" in outcome.err and "0.014 s" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("file", ["trajectory.npz", "speed.png"])
+@pytest.mark.usefixtures("computed", "blank_pictures")
+def test_the_numbers_of_a_race_are_not_lost_with_its_report(call, tmp_path, policy, monkeypatch, file):
+    replace = os.replace
+
+    def replace_or_fail(source, target):
+        if str(target).endswith(file):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return replace(source, target)
+
+    monkeypatch.setattr(os, "replace", replace_or_fail)
+    outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
+    assert "Exploit audit" in outcome.out and "report:" not in outcome.out
+    assert outcome.status == 2 and "No space left" in outcome.err and file in outcome.err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,95 @@
+"""``sprintlab train`` and ``sweep``: settings that arrive, plans, and what is said at the end."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import sprintlab as sl
+from sprintlab.core.files import atomic_write_json
+from sprintlab.training.settings_text import settings_toml
+
+
+def dry(call, *words):
+    outcome = call("train", *words, "--dry-run", "--json")
+    assert outcome.status == 0, outcome.err
+    return json.loads(outcome.out)
+
+
+def test_what_is_typed_wins_over_the_file_and_that_over_the_method(call, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[ppo]\nsteps = 16\nepochs = 3\n", encoding="utf-8")
+    words = ("go1", "--method", "no-envelope", "--seed", 3, "--settings", path, "--set", "ppo.steps=8")
+    found = dry(call, *words)
+    assert (found["robot"], found["method"], found["seed"]) == ("go1", "no-envelope", 3)
+    assert (found["actuator_model"], found["ppo"]["steps"], found["ppo"]["epochs"]) == ("square", 8, 3)
+
+
+def test_the_settings_of_a_dry_run_train_the_same(call, tmp_path):
+    text = call("train", "bp2", "--set", "ppo.steps=8", "--dry-run").out
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    again = call("train", "bp2", "--settings", tmp_path / "run.toml", "--dry-run").out
+    assert again == text and "steps = 8" in text
+
+
+def test_a_method_is_changed_by_dotted_names():
+    settings = sl.method("baseline", {"ppo.steps": 16}, robot="go1", environments=64)
+    assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
+    assert settings.simulation.environments == 64
+    with pytest.raises(sl.SprintlabError, match="sprint"):
+        sl.method("sprnt")
+    with pytest.raises(sl.SprintlabError, match=r"ppo\.stepz.*did you mean ppo\.steps"):
+        sl.method("sprint", {"ppo.stepz": 16})
+
+
+def test_settings_made_in_python_are_trained_as_they_are(tmp_path):
+    made = sl.method("sprint", {"ppo.steps": 16}, seed=5)
+    found = sl.train(made, dry_run=True)
+    assert found.to_dict()["ppo"]["steps"] == 16 and found.to_dict()["seed"] == 5
+    assert "steps = 16" in settings_toml(made)
+    with pytest.raises(sl.SprintlabError, match="robot"):
+        sl.train(3, dry_run=True)
+
+
+@pytest.mark.parametrize("text", ["1\n", '{"reward": "x"}\n'])
+def test_a_trainings_log_holds_rows_of_numbers(tmp_path, text):
+    (tmp_path / "log.jsonl").write_text(text)
+    training = sl.Training(numbers={}, shown=[], draw=None, folder=tmp_path)
+    with pytest.raises(sl.SprintlabError, match="not a row of numbers"):
+        training.log()
+
+
+def listed(call, *arguments):
+    outcome = call("sweep", *arguments, "--dry-run", "--json")
+    assert outcome.status == 0
+    return json.loads(outcome.out)
+
+
+def test_a_sweep_trains_all_methods_and_combinations(call, tmp_path):
+    rows = listed(call, tmp_path, "--seeds", 2)
+    assert len(rows) == 12 and rows[0]["folder"] == str(tmp_path / "baseline" / "seed-0")
+    assert not tmp_path.joinpath("baseline").exists()
+    options = ("--methods", "sprint", "--seeds", 1, "--vary", "ppo.steps=8,16", "--vary", "ppo.epochs=3,5")
+    rows = listed(call, tmp_path, *options, "--set", "ppo.discount=0.98")
+    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 sprint 0"
+    assert len({row["hash"] for row in rows}) == 4
+
+
+def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
+    pytest.importorskip("submitit")
+    pytest.importorskip("torch")
+    from sprintlab.training.runs.sweep_plan import plan_sweep
+
+    limits = {"minutes": 7.0, "iterations": 30_000, "environments": 32768, "save_seconds": 60.0}
+    for plan in plan_sweep(tmp_path, ("sprint",), (0,), {}, {}, device="auto", **limits):
+        atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
+        row = {"iteration": 9, "seconds": 60.0, "steps_per_second": 5, "speed_p999": 3.25, "falls": 0.002}
+        (plan.folder / "log.jsonl").write_text(json.dumps(row) + "\n")
+    options = (tmp_path, "--methods", "sprint", "--seeds", 1)
+    assert listed(call, *options)[0]["done"] is True
+    table = call("sweep", *options)
+    assert table.status == 0
+    assert "finished" in table.out and "3.25" in table.out and "2.00" in table.out
+    summary = json.loads(call("sweep", *options, "--json").out)
+    assert (summary[0]["state"], summary[0]["share"], summary[0]["last"]["iteration"]) == ("finished", 1.0, 9)
