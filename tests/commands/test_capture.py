@@ -5,6 +5,7 @@ import pytest
 
 from sprintlab.commands import (
     AdaptiveSchedule,
+    CommandStep,
     FixedAccelerationSchedule,
     UniformSchedule,
     initial_state,
@@ -74,7 +75,7 @@ def one_step(schedule, state, inputs):
     )
     filtered = LowPass().step(inputs["filtered"], join_proprioception(raw), inputs["reset_mask"])
     arguments = {name: inputs[name] for name in ("speed", "friction", "reset_mask", "random")}
-    state = schedule.advance(state, dt=0.02, lower=-2.0, upper=9.0, **arguments)
+    state = schedule.advance(state, CommandStep(dt=0.02, lower=-2.0, upper=9.0, **arguments))
     frame = observation_frame(
         ObservationLayout(),
         **split_proprioception(filtered)._asdict(),

@@ -9,6 +9,7 @@ import pytest
 
 from sprintlab.commands import (
     BoxGrid,
+    CommandStep,
     CurriculumSchedule,
     PredictionGrid,
     ProgressGrid,
@@ -176,9 +177,10 @@ def advanced(schedule, steps: int, **changes):
         "weights": None if grid is None else grid.initial_weights(np.zeros(1)), **changes,
     }  # fmt: skip
     states = []
-    for step in range(steps):
-        reset_mask = np.full(n, step == 0)
-        state = schedule.advance(state, reset_mask=reset_mask, random=random.random((n, 8)), **arguments)
+    for number in range(steps):
+        reset_mask = np.full(n, number == 0)
+        step = CommandStep(reset_mask=reset_mask, random=random.random((n, 8)), **arguments)
+        state = schedule.advance(state, step)
         states.append(state)
     return states
 

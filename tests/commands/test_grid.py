@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sprintlab.commands import (
     AdaptiveSchedule,
     CommandGrid,
+    CommandStep,
     GridBins,
     TargetSampling,
     UniformSchedule,
@@ -83,7 +84,7 @@ def test_schedules_draw_from_the_grid_except_the_uniform_one() -> None:
     share = 1.0 - TargetSampling().top_share - TargetSampling().zero_share
     in_bin = {}
     for schedule in (AdaptiveSchedule(), UniformSchedule()):
-        state = schedule.advance(initial_state(n, LIKE), **arguments)
+        state = schedule.advance(initial_state(n, LIKE), CommandStep(**arguments))
         bins = GRID.bins(state.target_speed, state.target_yaw_rate)
         in_bin[type(schedule)] = ((bins.row == 6) & (bins.column == 0)).mean()
     assert in_bin[AdaptiveSchedule] == pytest.approx(share, abs=0.03)

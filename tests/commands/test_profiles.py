@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from sprintlab.commands import (
     AdaptiveSchedule,
+    CommandStep,
     SpeedProfile,
     SprintProfile,
     TargetSampling,
@@ -77,16 +78,10 @@ def test_self_paced_command_is_that_of_the_schedule_in_training(target, speed):
         target_speed=np.array([target]), time_to_target=np.array([9.0])
     )
     random = np.array([[0.5, 0.5, 0.5, 0.5, 0.5, 1.0, 0.0, 0.5]])
-    commanded = schedule.advance(
-        state,
-        speed=np.array([speed]),
-        dt=0.02,
-        lower=-2.0,
-        upper=14.0,
-        friction=0.8,
-        reset_mask=np.zeros(1, dtype=bool),
-        random=random,
-    ).command[0, 0]
+    step = CommandStep(
+        np.array([speed]), 0.02, -2.0, 14.0, friction=0.8, reset_mask=np.zeros(1, dtype=bool), random=random
+    )
+    commanded = schedule.advance(state, step).command[0, 0]
     assert commanded == pytest.approx(np.clip(float(self_paced(target, speed)), -2.0, 14.0))
 
 

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from sprintlab.commands import (
     AdaptiveSchedule,
+    CommandStep,
     FixedAccelerationSchedule,
     TargetSampling,
     UniformSchedule,
@@ -27,7 +28,7 @@ def draw_inputs(generator, n, lower=-2.0, upper=9.0, fresh_share=0.0):
 
 
 def advance(schedule, state, inputs, lower=-2.0, upper=9.0, steady=1.0):
-    return schedule.advance(state, dt=DT, lower=lower, upper=upper, steady=steady, **inputs)
+    return schedule.advance(state, CommandStep(dt=DT, lower=lower, upper=upper, steady=steady, **inputs))
 
 
 def as_torch(inputs):

@@ -61,22 +61,22 @@ class _Idle:
 
 
 def test_staircase_climbs_to_its_target(example):
-    from sprintlab.commands import initial_state
+    from sprintlab.commands import CommandStep, initial_state
 
     schedule = example("A command schedule")["StaircaseSchedule"]()
     count, random = 64, np.random.default_rng(0)
     state, before = initial_state(count, np.zeros(count)), np.zeros(count)
-    for step in range(200):
-        state = schedule.advance(
-            state,
+    for number in range(200):
+        step = CommandStep(
             speed=np.zeros(count),
             dt=0.02,
             lower=-1.0,
             upper=4.0,
             friction=np.full(count, 0.8),
-            reset_mask=np.full(count, step == 0),
+            reset_mask=np.full(count, number == 0),
             random=random.random((count, 8)),
         )
+        state = schedule.advance(state, step)
         command = np.asarray(state.command[:, 0])
         assert np.abs(command - before).max() <= 0.5 + 1e-12
         assert command.min() >= -1.0 and command.max() <= 4.0
@@ -187,10 +187,10 @@ def test_a_schedule_that_lacks_something_is_refused_before_the_training(tmp_path
     class Old:
         targets = None
 
-        def advance(self, state, *, speed, dt, lower, upper, friction, reset_mask, random, weights=None):
+        def advance(self, state):
             return state
 
-    with pytest.raises(InvalidValueError, match="must take steady"):
+    with pytest.raises(InvalidValueError, match="must take the state and a CommandStep"):
         check_schedule(Old())
     with pytest.raises(InvalidValueError, match="needs targets and advance"):
         check_schedule(3)

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rsl_rl")
 
-from sprintlab.commands import initial_state
+from sprintlab.commands import CommandStep, initial_state
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.methods import LITERAL_ACS, METHODS, method_settings, preset_settings
 from sprintlab.training.reward_tables import paper_rewards
@@ -98,10 +98,11 @@ def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:
     speed = np.full(count, 3.0)
     commands = []
     for _ in range(400):
-        state = schedule.advance(
-            state, speed=speed, dt=0.02, lower=-2.0, upper=12.0, friction=0.8,
+        step = CommandStep(
+            speed, 0.02, -2.0, 12.0, friction=0.8,
             reset_mask=np.zeros(count, dtype=bool), random=random.random((count, 8)),
         )  # fmt: skip
+        state = schedule.advance(state, step)
         commands.append(np.asarray(state.command[:, 0]))
     given = np.concatenate(commands[20:])
     assert given.min() >= 2.0 and given.max() <= 4.0 and abs(given.mean() - 3.0) < 0.05

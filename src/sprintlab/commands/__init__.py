@@ -22,6 +22,7 @@ from sprintlab.commands.profiles import SpeedProfile as SpeedProfile
 from sprintlab.commands.profiles import SprintProfile as SprintProfile
 from sprintlab.commands.profiles import self_paced as self_paced
 from sprintlab.commands.schedules import AdaptiveSchedule as AdaptiveSchedule
+from sprintlab.commands.schedules import CommandStep as CommandStep
 from sprintlab.commands.schedules import FixedAccelerationSchedule as FixedAccelerationSchedule
 from sprintlab.commands.schedules import Schedule as Schedule
 from sprintlab.commands.schedules import TargetSampling as TargetSampling

@@ -30,6 +30,33 @@ from sprintlab.core.checks import check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
 
+class CommandStep(NamedTuple):
+    """What a schedule is told about one policy step of ``n`` environments.
+
+    Attributes:
+        speed: present forward speed [m/s] ``(n,)``.
+        dt: time since the last step [s].
+        lower: bottom of the speed range [m/s], scalar or 0-d array.
+        upper: top of the speed range [m/s], scalar or 0-d array.
+        friction: ground friction coefficient ``(n,)``.
+        reset_mask: environments just reset ``(n,)``: target and command are redrawn at once.
+        random: uniform in [0, 1) ``(n, 8)``.
+        weights: weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
+        steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
+            or 0-d array.
+    """
+
+    speed: Array
+    dt: float
+    lower: Array | float
+    upper: Array | float
+    friction: Array | float
+    reset_mask: Array
+    random: Array
+    weights: Array | None = None
+    steady: Array | float = 1.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class TargetSampling:
     """How persistent targets are drawn.
@@ -120,26 +147,16 @@ class TargetSampling:
         shortest, longest = self.persistence
         return shortest + (longest - shortest) * random[:, 4]
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        reset_mask: Array,
-        random: Array,
-        weights: Array | None,
-    ) -> tuple[CommandState, Array]:
+    def advance(self, state: CommandState, step: CommandStep) -> tuple[CommandState, Array]:
         """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
-        xp = namespace(random)
-        remaining = state.time_to_target - dt
-        renewed = reset_mask | (remaining <= 0.0)
-        speed, yaw_rate = self.draw(random, lower, upper, weights)
+        xp = namespace(step.random)
+        remaining = state.time_to_target - step.dt
+        renewed = step.reset_mask | (remaining <= 0.0)
+        speed, yaw_rate = self.draw(step.random, step.lower, step.upper, step.weights)
         return state._replace(
             target_speed=xp.where(renewed, speed, state.target_speed),
             target_yaw_rate=xp.where(renewed, yaw_rate, state.target_yaw_rate),
-            time_to_target=xp.where(renewed, self.duration(random), remaining),
+            time_to_target=xp.where(renewed, self.duration(step.random), remaining),
         ), renewed
 
 
@@ -159,21 +176,8 @@ class Schedule(Protocol):
         """How targets are drawn."""
         ...
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        reset_mask: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later; arguments as in ``TargetSchedule.advance``.
+    def advance(self, state: CommandState, step: CommandStep) -> CommandState:
+        """The state one policy step later.
 
         Over arrays, without looking into a value: in training it is compiled for the GPU.
         """
@@ -187,29 +191,8 @@ def check_schedule(schedule: object) -> None:
         raise InvalidValueError(
             "schedule", name, "needs targets and advance: see sprintlab.commands.Schedule"
         )
-    given = inspect.signature(schedule.advance).parameters
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in given.values()):
-        return
-    lacking = [word for word in inspect.signature(Schedule.advance).parameters if word not in given]
-    lacking = [word for word in lacking if word not in ("self", "state")]
-    if lacking:
-        raise InvalidValueError("schedule", name, f"its advance must take {', '.join(lacking)}")
-
-
-class CommandStep(NamedTuple):
-    """What a schedule is told about one policy step: speeds and range [m/s], times [s], draws in [0, 1).
-
-    ``TargetSchedule.advance`` describes each field.
-    """
-
-    speed: Array
-    dt: float
-    lower: Array | float
-    upper: Array | float
-    friction: Array | float
-    reset_mask: Array
-    random: Array
-    steady: Array | float
+    if len(inspect.signature(schedule.advance).parameters) != 2:
+        raise InvalidValueError("schedule", name, "its advance must take the state and a CommandStep")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,42 +205,12 @@ class TargetSchedule:
 
     targets: TargetSampling = TargetSampling()
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        reset_mask: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later.
-
-        Args:
-            state: of ``n`` environments.
-            speed: present forward speed [m/s] ``(n,)``.
-            dt: time since the last call [s].
-            lower: bottom of the speed range [m/s], scalar or 0-d array.
-            upper: top of the speed range [m/s], scalar or 0-d array.
-            friction: ground friction coefficient ``(n,)``.
-            reset_mask: environments just reset ``(n,)``: target and command are redrawn at once.
-            random: uniform in [0, 1) ``(n, 8)``.
-            weights: weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
-            steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
-                or 0-d array.
-        """
-        lower, upper = self._range(lower, upper)
-        state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, reset_mask=reset_mask, random=random, weights=weights
-        )
-        return self._follow(
-            state, renewed, CommandStep(speed, dt, lower, upper, friction, reset_mask, random, steady)
-        )
+    def advance(self, state: CommandState, step: CommandStep) -> CommandState:
+        """The state one policy step later."""
+        lower, upper = self._range(step.lower, step.upper)
+        step = step._replace(lower=lower, upper=upper)
+        state, renewed = self.targets.advance(state, step)
+        return self._follow(state, renewed, step)
 
     def _range(self, lower: Array | float, upper: Array | float) -> tuple[Array | float, Array | float]:
         """Where targets and commands may lie [m/s]."""

@@ -11,6 +11,7 @@ from mjlab.managers.command_manager import CommandTerm, CommandTermCfg
 
 from sprintlab.commands import (
     AdaptiveSchedule,
+    CommandStep,
     FixedAccelerationSchedule,
     UniformSchedule,
     fastest_speed,
@@ -102,8 +103,7 @@ class AdaptiveVelocityCommand(CommandTerm):
 
     def _update_command(self, env_ids: torch.Tensor | None) -> None:
         """Advance every environment by a policy step, or only draw anew for those just reset."""
-        advanced = self.cfg.schedule.advance(
-            self._state,
+        step = CommandStep(
             speed=self.robot.data.root_link_lin_vel_b[:, 0],
             dt=self._env.step_dt if env_ids is None else 0.0,
             lower=self.cfg.lower,
@@ -112,6 +112,7 @@ class AdaptiveVelocityCommand(CommandTerm):
             reset_mask=self._reset_mask,
             random=torch.rand(self.num_envs, 8, device=self.device),
         )
+        advanced = self.cfg.schedule.advance(self._state, step)
         if env_ids is None:
             self._state = advanced
             self._reset_mask = torch.zeros_like(self._reset_mask)

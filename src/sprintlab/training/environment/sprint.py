@@ -15,6 +15,7 @@ import torch
 
 from sprintlab.commands import (
     CommandState,
+    CommandStep,
     TargetOutcome,
     heading_angle,
     heading_command,
@@ -539,8 +540,7 @@ class SprintEnvironment:
 
     def _advance_commands(self, reset_mask: torch.Tensor) -> None:
         before = self.commands.time_to_target
-        advanced = self.settings.schedule.advance(
-            self.commands,
+        step = CommandStep(
             speed=self.running_speed,
             dt=POLICY_STEP,
             lower=self.lower,
@@ -551,6 +551,7 @@ class SprintEnvironment:
             weights=self.grid_weights,
             steady=self.steady,
         )
+        advanced = self.settings.schedule.advance(self.commands, step)
         renewed = reset_mask | (advanced.time_to_target > before)
         advanced = advanced._replace(target_speed=self._within_record(advanced.target_speed, renewed))
         if self.settings.heading_hold:
