@@ -21,6 +21,7 @@ from typing import Any
 import torch
 from harness import answer, circumstances
 
+from sprintlab.training.environment.sprint import SUBSTEPS
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings import ExamSettings, TrainingSettings
@@ -106,7 +107,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         **circumstances(PACKAGES),
         "robots": robots,
         "steps": steps,
-        "substeps": settings.simulation.substeps,
+        "substeps": SUBSTEPS,
         "epochs": settings.ppo.epochs,
         "start_s": start,
         "first_exam_s": exams[0]["exam/seconds"],

@@ -17,7 +17,12 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.engine import Engine
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment, engine_options
-from sprintlab.training.environment.stride_prior import StrideReference, read_strides
+from sprintlab.training.environment.stride_prior import (
+    POSITION_SCALE,
+    VELOCITY_SCALE,
+    StrideReference,
+    read_strides,
+)
 from sprintlab.training.methods import COMPARATORS, NO_SATURATION, method_settings
 from sprintlab.training.reward_tables import hound_rewards
 from sprintlab.training.runs.runner import Runner
@@ -111,10 +116,10 @@ def test_the_likeness_to_a_stride_is_that_of_a_plain_loop_and_fades() -> None:
         for leg in range(4):
             hip, knee = 3 * leg + 1, 3 * leg + 2
             distance = [
-                ((body.joint_position[each, hip].item() - point[0]) / prior.position_scale) ** 2
-                + ((body.joint_position[each, knee].item() - point[1]) / prior.position_scale) ** 2
-                + ((body.joint_velocity[each, hip].item() - point[2]) / prior.velocity_scale) ** 2
-                + ((body.joint_velocity[each, knee].item() - point[3]) / prior.velocity_scale) ** 2
+                ((body.joint_position[each, hip].item() - point[0]) / POSITION_SCALE) ** 2
+                + ((body.joint_position[each, knee].item() - point[1]) / POSITION_SCALE) ** 2
+                + ((body.joint_velocity[each, hip].item() - point[2]) / VELOCITY_SCALE) ** 2
+                + ((body.joint_velocity[each, knee].item() - point[3]) / VELOCITY_SCALE) ** 2
                 for point in stride
             ]
             likeness.append(math.exp(-min(distance)))

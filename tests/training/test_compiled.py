@@ -97,7 +97,7 @@ def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
     traced(learner._limit_std)()
     traced(learner._update_normalizers)()
     history = rollout.estimator_batch(0, 4, noise)
-    traced(estimator_losses)(learner.actor, history, settings.estimator)
+    traced(estimator_losses)(learner.actor, history)
     traced(generalized_advantages)(
         rollout.reward, rollout.value, rollout.end, rollout.time_out, rollout.value[:, 0], settings.ppo
     )

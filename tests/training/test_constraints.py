@@ -10,6 +10,7 @@ import torch
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.constraints import (
+    INITIAL_CHANCE,
     WATCHED,
     Chances,
     Monitors,
@@ -128,7 +129,7 @@ def test_caps_differ_by_phase() -> None:
 def test_a_chance_rests_where_it_is_aimed_at_and_before_it_may_move() -> None:
     chances = Chances(SETTINGS)
     chances.update(row(0.2), moving=False)
-    assert chances.values == [SETTINGS.initial] * len(WATCHED)
+    assert chances.values == [INITIAL_CHANCE] * len(WATCHED)
     aimed = Chances(ConstraintSettings(foot=Constraint(limit=3.3, full=4.2, aim=0.02)))
     aimed.update(row(0.02), moving=True)
     assert chance(aimed, "hold/foot") == pytest.approx(0.003, rel=1e-4)

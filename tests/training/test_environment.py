@@ -20,7 +20,7 @@ from sprintlab.training.environment.episodes import Ends, find_ends, standing_st
 from sprintlab.training.environment.fleet import Fleet
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.randomization import default_randomization, friction, slope
-from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.environment.sprint import SUBSTEPS, SprintEnvironment
 from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from sprintlab.training.settings import (
     UNDISTURBED,
@@ -203,7 +203,7 @@ def test_the_delay_varies_from_step_to_step_and_stays_within_a_step() -> None:
     delays = torch.stack(seen)
     assert (delays.float().std(0) > 0).any()
     assert delays.min() >= 0
-    assert delays.max() <= settings.simulation.substeps
+    assert delays.max() <= SUBSTEPS
 
 
 def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironment) -> None:

@@ -84,12 +84,12 @@ def test_a_pair_across_an_episode_s_end_teaches_the_decoder_nothing(actor: Actor
     nonsense = batch.next_frame.clone()
     nonsense[::2] = 1e3
     parts = [
-        estimator_losses(actor, batch._replace(next_frame=frames), SETTINGS.estimator)[1]
+        estimator_losses(actor, batch._replace(next_frame=frames))[1]
         for frames in (batch.next_frame, nonsense)
     ]
     assert torch.equal(*parts)
     everything = batch._replace(next_frame=nonsense, valid=torch.ones(SAMPLES))
-    assert estimator_losses(actor, everything, SETTINGS.estimator)[1][2] > 2 * parts[0][2]
+    assert estimator_losses(actor, everything)[1][2] > 2 * parts[0][2]
 
 
 def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
@@ -108,7 +108,7 @@ def test_the_policy_s_loss_leaves_the_estimator_alone_and_the_other_way_round(ac
     assert all(parameter.grad is None for parameter in actor.estimator.parameters())
     assert all(parameter.grad is not None for parameter in actor.policy.parameters())
     actor.zero_grad(set_to_none=True)
-    estimator_losses(actor, estimator_batch(), SETTINGS.estimator)[0].backward()
+    estimator_losses(actor, estimator_batch())[0].backward()
     assert all(parameter.grad is not None for parameter in actor.estimator.parameters())
     assert all(parameter.grad is None for parameter in [*actor.policy.parameters(), actor.std])
 
@@ -150,7 +150,7 @@ def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
     losses = []
     for _ in range(150):
         optimizer.zero_grad()
-        loss, parts = estimator_losses(actor, batch, SETTINGS.estimator)
+        loss, parts = estimator_losses(actor, batch)
         loss.backward()
         optimizer.step()
         losses.append(parts)

@@ -68,7 +68,7 @@ def test_assignments_are_read_as_numbers_lists_and_words() -> None:
     "overrides",
     [
         {},
-        {"ppo.std_anneal": [0.1, 0.2], "heading_hold": False},
+        {"ppo.std_anneal": [0.1, 0.2], "reward_sum": "sum"},
         {"ppo.std_anneal": None},
         {"simulation.heat": {}, "ppo.epochs": 2},
         {"simulation.heat": {"ambient_temperature": 30.0}},

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field, is_dataclass, replace
-from typing import Any, get_type_hints
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -18,7 +17,6 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
-from sprintlab.core.arguments import check_kind
 from sprintlab.core.checks import check_choice, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
@@ -48,14 +46,14 @@ MOST_ENVIRONMENTS = 1 << 17
 """Robots side by side: sixteen times the default; a file may ask for all memory there is."""
 LARGEST_ROLLOUT = 1 << 23
 """Policy steps of all robots in one iteration, which are kept until its end."""
-_LARGEST = 1e30
-"""Of any number: far beyond all that means something, and below the 3e38 of 32 bits."""
 TRAINED_MODELS = ("refined", "simplified-dc", "square")
 """Motor models that the engine knows."""
 PRECISIONS = ("tf32", "bfloat16")
 REWARD_SUMS = ("exponential", "clipped", "sum")
 NORMALIZER_FLOOR = 1e-2
 """Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
+PRIOR_FADE = (800, 1600)
+"""Iterations between which the reward for running like computed strides sinks to zero."""
 PHASES = ("hold", "push", "brake")
 """What a command asks for: a speed, more of it, or less."""
 CONSTRAINTS = ("foot", "gear", "legs", "joint_speed", "end_stop")
@@ -68,36 +66,27 @@ class SimulationSettings:
 
     Attributes:
         environments: simulated side by side.
-        timestep: physics step [s].
-        substeps: physics steps in one policy step; ``timestep * substeps`` is 0.02 s.
-        knee_spring: whether the passive knee springs are there.
         heat: of the windings; ``None``, as in the paper: they stay cold.
         saturation: whether the motors saturate, as the robot's do; off, torque stays proportional to current.
-        winding_temperature: with heat, at an episode's start [degC].
         shortest_stride: a foot that touches down sooner after its last touchdown is hasty [s].
         shortest_stance: a foot that lifts off sooner after its touchdown is hasty [s].
 
     Raises:
-        InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
+        InvalidValueError: a value out of range.
     """
 
     environments: int = 32768
-    timestep: float = 0.0005
-    substeps: int = 40
-    knee_spring: bool = True
     heat: WindingHeat | None = None
     saturation: bool = True
-    winding_temperature: tuple[float, float] = (25.0, 90.0)
     shortest_stride: float = 0.194
     shortest_stance: float = 0.036
 
     def __post_init__(self) -> None:
-        check_interval("winding_temperature", self.winding_temperature, -60.0, 200.0, "degC")
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
         check_range("environments", self.environments, 1, MOST_ENVIRONMENTS)
-        check_range("substeps", self.substeps, 1, 10_000)
-        check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
+        check_positive("shortest_stride", self.shortest_stride, "s")
+        check_positive("shortest_stance", self.shortest_stance, "s")
 
 
 Interval = tuple[float, float]
@@ -140,14 +129,6 @@ class ConstraintSettings:
         legs: distance between the surfaces of two legs [m].
         joint_speed: over the no-load speed [-].
         end_stop: depth in an end stop over its zone [-].
-        rate: change of a chance an iteration [-].
-        initial: chance at the start [-].
-        slack: beyond ``stages.gated_top`` the range of speeds opens while feet and gears are broken less than
-            this many times as often as aimed at.
-        fast: robots count as fast above this share of the range's top [-].
-
-    Raises:
-        InvalidValueError: a number that is not positive.
     """
 
     foot: Constraint = Constraint(limit=3.3, full=4.2, aim=0.015, caps=(0.1, 0.2, 0.2))
@@ -155,14 +136,6 @@ class ConstraintSettings:
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
     joint_speed: Constraint = Constraint(limit=1.02, full=1.12, aim=0.0002)
     end_stop: Constraint = Constraint(limit=0.0, full=1.0, aim=0.0005)
-    rate: float = 0.01
-    initial: float = 0.003
-    slack: float = 3.0
-    fast: float = 0.75
-
-    def __post_init__(self) -> None:
-        for name in ("rate", "initial", "slack", "fast"):
-            check_positive(name, getattr(self, name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +181,6 @@ class EpisodeSettings:
         clone_share: share of the resets that copy the state of a running environment, of two drawn the
             faster: high speed is reached rarely, so it must be practised when it is.
         fast_start_share: share of the other resets that start at a forward speed in the commanded range.
-        tilt_limit: end beyond this angle between trunk and gravity [deg].
         leg_distance_limit: end when the surfaces of two legs come closer [m].
         knee_clearance: end when a knee comes closer to the ground [m].
 
@@ -219,7 +191,6 @@ class EpisodeSettings:
     duration: Interval = (14.0, 24.0)
     clone_share: float = 0.3
     fast_start_share: float = 0.25
-    tilt_limit: float = 50.0
     leg_distance_limit: float = 0.0
     knee_clearance: float = 0.05
 
@@ -227,8 +198,7 @@ class EpisodeSettings:
         check_interval("duration", self.duration, 0.1, unit="s")
         for name in ("clone_share", "fast_start_share"):
             check_range(name, getattr(self, name), 0.0, 1.0)
-        for name in ("tilt_limit", "knee_clearance"):
-            check_positive(name, getattr(self, name))
+        check_positive("knee_clearance", self.knee_clearance, "m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,8 +210,6 @@ class StageSettings:
         second_top: top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
         growth: range growth an iteration [m/s].
         growth_margin: grow while the fastest 0.1 % are within this of the top [m/s].
-        growth_share: and while they are within this share of the top. With 0.2 the range runs ahead of them
-            by a quarter of their speed, and most robots are asked for all they can, not for what is easy.
         earliest_iteration: stage II starts no sooner.
         ramp_iterations: over which the weights blend.
         gated_top: beyond this speed the range opens only while feet and gears hold [m/s].
@@ -259,7 +227,6 @@ class StageSettings:
     second_top: float = 14.5
     growth: float = 0.1
     growth_margin: float = 1.0
-    growth_share: float = 0.0
     earliest_iteration: int = 250
     ramp_iterations: int = 250
     gated_top: float = 12.0
@@ -270,7 +237,6 @@ class StageSettings:
         check_positive("first_top", self.first_top, "m/s")
         check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
         check_positive("growth", self.growth, "m/s")
-        check_range("growth_share", self.growth_share, 0.0, 0.9)
         check_positive("gated_top", self.gated_top, "m/s")
         check_range("steady_share", self.steady_share, 0.0, 1.0)
         if self.record_margin is not None:
@@ -288,28 +254,20 @@ class StridePrior:
     Attributes:
         file: of strides, made by ``python -m studies.paper stride``.
         weight: of ``exp(-d^2)``, d the distance of a leg's state from the nearest point of the stride.
-        fade: iterations between which the weight sinks to zero.
-        position_scale: distance of a joint angle that counts as one [rad].
-        velocity_scale: the same of a joint velocity [rad/s].
 
     Raises:
-        InvalidValueError: a number that is not positive, or an unordered interval.
+        InvalidValueError: a weight that is not positive.
     """
 
     file: str = "studies/paper/strides.npz"
     weight: float = 0.5
-    fade: tuple[int, int] = (800, 1600)
-    position_scale: float = 0.4
-    velocity_scale: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in ("weight", "position_scale", "velocity_scale"):
-            check_positive(name, getattr(self, name))
-        check_range("fade[0]", self.fade[0], 0, self.fade[1] - 1)
+        check_positive("weight", self.weight)
 
     def weight_at(self, iteration: int) -> float:
         """The weight in an iteration of the run."""
-        first, last = self.fade
+        first, last = PRIOR_FADE
         return self.weight * min(max((last - iteration) / (last - first), 0.0), 1.0)
 
 
@@ -335,7 +293,6 @@ class PpoSettings:
         gae: lambda of the generalized advantage estimate.
         clip: of the likelihood ratio.
         entropy: weight of the entropy bonus.
-        value_weight: of the value loss.
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
         most_std: its ceiling at the beginning of ``std_anneal``; the entropy bonus may keep the noise twice
@@ -367,7 +324,6 @@ class PpoSettings:
     gae: float = 0.95
     clip: float = 0.2
     entropy: float = 0.005
-    value_weight: float = 1.0
     initial_std: float = 0.8
     least_std: float = 0.25
     most_std: float = 0.42
@@ -438,11 +394,6 @@ class EstimatorSettings:
         sees_command: whether the encoder reads the command. Under ACS the command follows the speed: an
             estimator that sees it learns to read the speed off it, and errs by metres a second as soon as
             the command is given by somebody else.
-        contact_weight: of the contacts' cross-entropy.
-        latent_weight: beta, of the latent's divergence from a standard normal. With the reconstruction a mean
-            over 45 numbers, more than a few thousandths makes the latent collapse.
-        velocity_scale: of the velocity's squared error, per m/s; unscaled, 12 m/s would drown all else.
-        height_scale: of the height's squared error, per metre.
 
     Raises:
         InvalidValueError: a size below one or a number that is not positive.
@@ -455,18 +406,12 @@ class EstimatorSettings:
     final_learning_rate: float = 1e-4
     epochs: int = 1
     sees_command: bool = False
-    contact_weight: float = 0.2
-    latent_weight: float = 1e-3
-    velocity_scale: float = 0.5
-    height_scale: float = 10.0
 
     def __post_init__(self) -> None:
         for name in ("latent", "epochs"):
             check_range(name, getattr(self, name), 1, 1000)
-        for name in ("learning_rate", "final_learning_rate", "velocity_scale", "height_scale"):
+        for name in ("learning_rate", "final_learning_rate"):
             check_positive(name, getattr(self, name))
-        for name in ("contact_weight", "latent_weight"):
-            check_range(name, getattr(self, name), 0.0, 1000.0)
         for name in ("encoder", "decoder"):
             _check_widths(name, getattr(self, name))
 
@@ -497,40 +442,6 @@ class ExamSettings:
             check_positive("hopeless", self.hopeless, "m/s")
 
 
-@functools.cache
-def _kinds(kind: type) -> dict[str, Any]:
-    """Type hints of the fields that a class has from this package; none for one that has nothing of it."""
-    ours = (each for each in kind.__mro__ if each.__module__.startswith("sprintlab.") and is_dataclass(each))
-    found = next(ours, None)
-    return {} if found is None else get_type_hints(found)
-
-
-def _check_kinds(settings: Any, place: str = "") -> None:
-    """Refuse what would end the first iteration; parts of one's own classes know themselves what they hold.
-
-    Args:
-        settings: a part of the settings, or all of them.
-        place: dotted name of the part, with a dot at its end.
-
-    Raises:
-        InvalidValueError: names the setting.
-    """
-    for name, hint in _kinds(type(settings)).items():
-        value = getattr(settings, name)
-        if is_dataclass(value):
-            _check_kinds(value, f"{place}{name}.")
-        else:
-            check_kind(f"{place}{name}", value, hint)
-            _check_sizes(f"{place}{name}", value)
-
-
-def _check_sizes(name: str, value: Any) -> None:
-    """Refuse numbers near the end of 32 bits, which PyTorch takes into no comparison."""
-    for number in value if isinstance(value, list | tuple) else (value,):
-        if isinstance(number, int | float) and not isinstance(number, bool):
-            check_range(name, number, -_LARGEST, _LARGEST)
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrainingSettings:
     """One training run, whole: its hash names it.
@@ -544,26 +455,18 @@ class TrainingSettings:
         reward_sum: ``"exponential"`` rewards * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
         randomization: what differs from robot to robot, by name: ``environment.randomization``.
         constraints: what the audit limits, as shares of the future that end; None: only rewards.
-        heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
-            evaluation closes; without it nothing teaches the robot to run straight.
-        standing_hold: robots that are asked to stand, and nearly do, are held in their default pose, as
-            ``PolicyRuntime`` does it: the estimator sees robots that stand, and runs begin from there.
         prior: strides that are rewarded at the start; none in the paper.
         exam: of the policy, every so often; None: the last policy is exported.
         seed: of every random generator.
 
     Raises:
-        InvalidValueError: a motor model that is unknown, or a setting, also one of a part, of another kind
-            than its own or beyond 1e30: a checkpoint from elsewhere may hold half an epoch, or a text as a
-            weight.
+        InvalidValueError: a value that is not allowed.
     """
 
     method: str = "sprint"
     robot: str = "bp2"
     actuator_model: MotorModel = "refined"
     schedule: Schedule = ACS
-    heading_hold: bool = True
-    standing_hold: bool = True
     simulation: SimulationSettings = SimulationSettings()
     reward: dict[str, RewardTerm] = field(default_factory=default_rewards)
     reward_sum: str = "exponential"
@@ -580,7 +483,6 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_kinds(self)
         check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)
         check_choice("reward_sum", self.reward_sum, REWARD_SUMS)
         check_range("seed", self.seed, 0, 2**32 - 1)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sprintlab.core.checks import check_interval
+from sprintlab.core.checks import check_finite, check_interval
 from sprintlab.core.errors import InvalidValueError
 
 Parameter = bool | float | tuple[float, ...]
@@ -60,6 +60,8 @@ class RewardTerm:
 
     def __post_init__(self) -> None:
         check_parameters(self.function, self.parameters, given=1)
+        for weight in self.weights:
+            check_finite("weight", weight)
         if min(self.weights) < 0.0 and (max(self.weights) > 0.0 or self.tied):
             allowed = "one sign in both stages, and positive where the term is tied"
             raise InvalidValueError("weight", self.weight, allowed)

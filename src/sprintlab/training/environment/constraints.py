@@ -32,7 +32,14 @@ _CHANGING = 0.3
 """Distance between command and target beyond which a command rises or falls [m/s]."""
 _LAGGING = 1.0
 """A robot that is slower than its command by more than this pushes [m/s]."""
-_LEAST_CHANCE = 1e-3
+FAST_SHARE = 0.75
+"""Robots count as fast above this share of the top of the range."""
+INITIAL_CHANCE, _LEAST_CHANCE = 0.003, 1e-3
+_RATE = 0.01
+"""Greatest change of a chance in an iteration."""
+_SLACK = 3.0
+"""The range opens beyond ``stages.gated_top`` while feet and gears are broken less than this many times as
+often as aimed at."""
 _SMOOTHING = 0.05
 _STRICT = ("hold/foot", "hold/gear")
 """What must hold before the range of speeds opens further."""
@@ -113,15 +120,14 @@ class Chances:
     """The chance of each constraint in each phase, moved once an iteration; plain numbers on the host.
 
     Args:
-        settings: aims, caps and the rate.
+        settings: aims and caps.
     """
 
     def __init__(self, settings: ConstraintSettings) -> None:
-        self._settings = settings
         constraints: list[Constraint] = [getattr(settings, name) for name in CONSTRAINTS]
         self._constraints = constraints * len(PHASES)
         self._caps = [each.caps[phase] for phase in range(len(PHASES)) for each in constraints]
-        self.values = [settings.initial] * len(WATCHED)
+        self.values = [INITIAL_CHANCE] * len(WATCHED)
         self.shares: list[float | None] = [None] * len(WATCHED)
 
     def update(self, row: Mapping[str, float], moving: bool) -> None:
@@ -145,15 +151,14 @@ class Chances:
         """One step of at most the rate, in the logarithm of the chance."""
         share = self.shares[place] or 0.0
         distance = math.log((share + 1e-6) / self._constraints[place].aim)
-        step = self._settings.rate * max(-1.0, min(1.0, distance))
+        step = _RATE * max(-1.0, min(1.0, distance))
         self.values[place] = max(_LEAST_CHANCE, min(self._caps[place], self.values[place] * math.exp(step)))
 
     @property
     def held(self) -> bool:
         """Whether feet and gears of robots that hold their speed are near enough to what is aimed at."""
         places = [WATCHED.index(name) for name in _STRICT]
-        slack = self._settings.slack
-        return all((self.shares[k] or 0.0) < slack * self._constraints[k].aim for k in places)
+        return all((self.shares[k] or 0.0) < _SLACK * self._constraints[k].aim for k in places)
 
     def state_dict(self) -> dict[str, Any]:
         """What a checkpoint keeps."""

@@ -11,6 +11,8 @@ from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.settings import EpisodeSettings
 
+TILT_LIMIT = 50.0
+"""Angle between trunk and gravity beyond which a robot has fallen [deg]."""
 IMPOSSIBLE_JOINT_SPEED = 150.0
 """Faster joints are a broken simulation [rad/s]."""
 _DONOR_STEPS = 50
@@ -48,7 +50,7 @@ def find_ends(
         limit: policy steps allowed ``(n,)``.
         settings: limits.
     """
-    tilt = body.gravity[:, 2] > -math.cos(math.radians(settings.tilt_limit))
+    tilt = body.gravity[:, 2] > -math.cos(math.radians(TILT_LIMIT))
     touching = (body.trunk_clearance < 0.0) | (body.knee_height.amin(1) < settings.knee_clearance)
     crossed = body.leg_distance.amin(1) < settings.leg_distance_limit
     fastest = body.joint_velocity.abs().amax(1)

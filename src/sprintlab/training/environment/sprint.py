@@ -40,6 +40,7 @@ from sprintlab.engine import Engine, EngineOptions
 from sprintlab.motors import no_load_speed, saturate
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.environment.constraints import (
+    FAST_SHARE,
     WATCHED,
     Monitors,
     broken_parts,
@@ -59,7 +60,10 @@ from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.settings import PHASES, TrainingSettings
 
-POLICY_STEP = 0.02
+POLICY_STEP, SUBSTEPS = 0.02, 40
+"""Period of the policy [s], and physics steps in it."""
+WINDING_TEMPERATURE = (25.0, 90.0)
+"""With heat, at an episode's start [degC]."""
 SPEED_AVERAGE = 0.1
 """Weight of the newest speed in the running speed that the command schedule follows."""
 _LARGEST_OBSERVATION = 50.0
@@ -86,11 +90,10 @@ def engine_options(settings: TrainingSettings) -> EngineOptions:
     simulation = settings.simulation
     return EngineOptions(
         robots=simulation.environments,
-        timestep=simulation.timestep,
-        substeps=simulation.substeps,
+        timestep=POLICY_STEP / SUBSTEPS,
+        substeps=SUBSTEPS,
         motor_model=settings.actuator_model,
         saturation=simulation.saturation,
-        knee_spring=simulation.knee_spring,
         heat=simulation.heat,
     )
 
@@ -140,7 +143,7 @@ class SprintEnvironment:
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
-        self._standing = StandingContract() if settings.standing_hold else None
+        self._standing = StandingContract()
         self._allocate_constants()
         self._allocate_state()
         self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
@@ -394,8 +397,7 @@ class SprintEnvironment:
         """Add this step's means to the sums, in the order of ``_LOGGED``; read once an iteration."""
         body = inputs.body
         forward = body.velocity[:, 0]
-        constraints = self.settings.constraints
-        fast = (self.running_speed > (constraints.fast if constraints else 1.0) * self.upper).float()[:, None]
+        fast = (self.running_speed > FAST_SHARE * self.upper).float()[:, None]
         values = (
             linear_tracking(inputs),
             angular_tracking(inputs, sharpness=1.0),
@@ -452,8 +454,7 @@ class SprintEnvironment:
     def _jitter_delay(self) -> None:
         """How late the next targets reach the joints, in physics steps."""
         late = self.mean_delay + self.fleet.delay_jitter * (2 * self.draws["delay"][:, 0] - 1)
-        substeps = self.settings.simulation.substeps
-        self.engine.delay.copy_(late.round().clamp(min=0.0, max=substeps))
+        self.engine.delay.copy_(late.round().clamp(min=0.0, max=SUBSTEPS))
 
     # --- resets ------------------------------------------------------------------------------------------
 
@@ -502,7 +503,7 @@ class SprintEnvironment:
     def _at_start(self, name: str, buffer: torch.Tensor) -> torch.Tensor:
         """What the engine keeps of a robot that stands in the air: no contact for long, windings as drawn."""
         if name == "winding_temperature":
-            lowest, highest = self.settings.simulation.winding_temperature
+            lowest, highest = WINDING_TEMPERATURE
             drawn = lowest + (highest - lowest) * self.draws["temperature"]
             return buffer if self.settings.simulation.heat is None else drawn
         return torch.full_like(buffer, _LONG_AGO if name == "since_touchdown" else 0.0)
@@ -554,8 +555,7 @@ class SprintEnvironment:
         advanced = self.settings.schedule.advance(self.commands, step)
         renewed = reset_mask | (advanced.time_to_target > before)
         advanced = advanced._replace(target_speed=self._within_record(advanced.target_speed, renewed))
-        if self.settings.heading_hold:
-            advanced = self._hold_heading(advanced, renewed)
+        advanced = self._hold_heading(advanced, renewed)
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
 
@@ -585,8 +585,6 @@ class SprintEnvironment:
         Those have forgotten what the network saw and did. A robot begins held, unless it begins fast; one
         without an estimate has an actor without an estimator, which no runtime holds.
         """
-        if self._standing is None:
-            return torch.zeros_like(reset_mask)
         estimated = (self.estimate != 0.0).any(1)
         held = standing_share(
             self._standing,

@@ -18,6 +18,8 @@ from sprintlab.robots import RobotDescription
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.settings import StridePrior
 
+POSITION_SCALE, VELOCITY_SCALE = 0.4, 10.0
+"""Distances of a joint angle [rad] and of a joint velocity [rad/s] that count as one."""
 _LARGEST = 1e4  # of a stride: [m/s], [rad] or [rad/s]
 _MOST_STRIDES, _MOST_POINTS = 100, 1000  # ours has 5 of 64: every robot's legs are compared with all of one
 
@@ -49,7 +51,7 @@ class StrideReference:
             return torch.tensor(values, dtype=torch.float32, device=device)
 
         speed, state = read_strides(prior.file)
-        scale = np.array([prior.position_scale] * 2 + [prior.velocity_scale] * 2)
+        scale = np.array([POSITION_SCALE] * 2 + [VELOCITY_SCALE] * 2)
         self._middles = tensor(0.5 * (speed[1:] + speed[:-1]))
         self._states, self._scale = tensor(state / scale), tensor(scale)
         self._slowest = 0.5 * float(speed[0])

@@ -252,7 +252,7 @@ class EstimatorPpo:
         samples = (last - first) * self.rollout.steps
         noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
         batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
-        loss, parts = self._estimator_losses(self.actor, batch, self.settings.estimator)
+        loss, parts = self._estimator_losses(self.actor, batch)
         self.estimator_block.descend(loss, self._workers)
         with torch.no_grad():
             self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)

@@ -14,9 +14,14 @@ import torch
 from torch.nn import functional
 
 from sprintlab.training.learner.networks import CONTACT_START, Actor, Critic
-from sprintlab.training.settings import EstimatorSettings, PpoSettings
+from sprintlab.training.settings import PpoSettings
 
 LEARNING_RATE_RANGE = (1e-5, 1e-2)
+CONTACT_WEIGHT = 0.2
+"""Of the contacts' cross-entropy in the estimator's loss."""
+LATENT_WEIGHT = 1e-3
+"""Beta, of the latent's divergence from a standard normal. With the reconstruction a mean over 45 numbers,
+more than a few thousandths makes the latent collapse."""
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 
@@ -137,7 +142,7 @@ def policy_losses(
     near = batch.value + (value - batch.value).clamp(-settings.clip, settings.clip)
     value_loss = torch.maximum((value - batch.returns).square(), (near - batch.returns).square()).mean()
     bonus = entropy(actor.std)
-    loss = surrogate + settings.value_weight * value_loss - settings.entropy * bonus
+    loss = surrogate + value_loss - settings.entropy * bonus
     moved = divergence(batch.mean, old_std, mean.detach(), actor.std.detach())
     return loss, torch.stack((surrogate.detach(), value_loss.detach(), bonus.detach(), moved))
 
@@ -169,9 +174,7 @@ class EstimatorBatch(NamedTuple):
     noise: torch.Tensor
 
 
-def estimator_losses(
-    actor: Actor, batch: EstimatorBatch, settings: EstimatorSettings
-) -> tuple[torch.Tensor, torch.Tensor]:
+def estimator_losses(actor: Actor, batch: EstimatorBatch) -> tuple[torch.Tensor, torch.Tensor]:
     """The loss ``()``; velocity-height, contact, reconstruction and latent losses ``(4,)`` without gradient.
 
     Mean squared error on the scaled velocity and height, binary cross-entropy on the contacts, mean squared
@@ -192,5 +195,5 @@ def estimator_losses(
     spread = encoding.log_variance
     latent = 0.5 * (encoding.mean.square() + spread.exp() - spread - 1.0).sum(1).mean()
     parts = torch.stack((state, contact, reconstruction, latent))
-    loss = state + settings.contact_weight * contact + reconstruction + settings.latent_weight * latent
+    loss = state + CONTACT_WEIGHT * contact + reconstruction + LATENT_WEIGHT * latent
     return loss, parts.detach()

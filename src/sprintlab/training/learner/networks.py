@@ -29,6 +29,9 @@ from sprintlab.training.learner.mirror import (
 from sprintlab.training.settings import NORMALIZER_FLOOR, EstimatorSettings, PpoSettings, TrainingSettings
 
 VELOCITY_SIZE, CONTACT_START = 3, 4
+VELOCITY_SCALE, HEIGHT_SCALE = 0.5, 10.0
+"""What the estimator learns is multiplied with, per m/s and per metre: unscaled, the squared error of 12 m/s
+would drown all else."""
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
 _LOG_VARIANCE_RANGE = (-8.0, 4.0)
@@ -200,14 +203,14 @@ class Estimator(nn.Module):
 
     def physical(self, raw: torch.Tensor) -> torch.Tensor:
         """The estimate in SI units: velocity [m/s], height [m], contact probability ``(n, 8)``."""
-        velocity = raw[:, :VELOCITY_SIZE] / self.settings.velocity_scale
-        height = raw[:, VELOCITY_SIZE:CONTACT_START] / self.settings.height_scale + self._height
+        velocity = raw[:, :VELOCITY_SIZE] / VELOCITY_SCALE
+        height = raw[:, VELOCITY_SIZE:CONTACT_START] / HEIGHT_SCALE + self._height
         return torch.cat((velocity, height, torch.sigmoid(raw[:, CONTACT_START:])), 1)
 
     def scaled_privileged(self, privileged: torch.Tensor) -> torch.Tensor:
         """True velocity and height in training units ``(n, 4)``, from ``(n, 8)``."""
-        velocity = privileged[:, :VELOCITY_SIZE] * self.settings.velocity_scale
-        height = (privileged[:, VELOCITY_SIZE:CONTACT_START] - self._height) * self.settings.height_scale
+        velocity = privileged[:, :VELOCITY_SIZE] * VELOCITY_SCALE
+        height = (privileged[:, VELOCITY_SIZE:CONTACT_START] - self._height) * HEIGHT_SCALE
         return torch.cat((velocity, height), 1)
 
     def decode(self, encoding: Encoding, noise: torch.Tensor) -> torch.Tensor:

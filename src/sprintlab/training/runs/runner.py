@@ -124,7 +124,8 @@ class Runner:
         self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
         self.growth = RangeGrowth(
-            increment=stages.growth, margin=stages.growth_margin, share=stages.growth_share
+            increment=stages.growth,
+            margin=stages.growth_margin,
         )
         self.blend = StageBlend(
             first_top=stages.first_top,
