@@ -112,30 +112,27 @@ class Identification:
             raise SprintlabError(
                 "the fit does not describe the bench, no motor is made of it: see the warnings"
             )
-        names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
-        values = {name: self._value(name, base) for name in names}
-        inertia = rotor_inertia if rotor_inertia is not None else self._fitted_inertia(base)
-        if inertia is None:
+        values: dict[str, float] = {}
+        for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation"):
+            found = self.estimates[name]
+            if found.determined and found.value is not None:
+                values[name] = found.value
+            elif base is None:
+                raise SprintlabError(
+                    f"the bench does not determine {name} ({found.reason}): give a base motor"
+                )
+            else:
+                values[name] = float(getattr(base, name))
+        fitted = self.estimates.get("rotor_inertia")
+        if rotor_inertia is None and fitted is not None and fitted.determined:
+            rotor_inertia = fitted.value
+        if rotor_inertia is None and base is not None:
+            rotor_inertia = base.rotor_inertia
+        if rotor_inertia is None:
             raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
         return PmsmParameters(
             pole_pairs=self.pole_pairs,
             peak_torque=1.5 * self.pole_pairs * values["flux_linkage"] * self.peak_current,
-            rotor_inertia=inertia,
+            rotor_inertia=rotor_inertia,
             **values,
         )
-
-    def _fitted_inertia(self, base: PmsmParameters | None) -> float | None:
-        found = self.estimates.get("rotor_inertia")
-        if found is not None and found.determined:
-            return found.value
-        return getattr(base, "rotor_inertia", None)
-
-    def _value(self, name: str, base: PmsmParameters | None) -> float:
-        estimate = self.estimates[name]
-        if estimate.determined and estimate.value is not None:
-            return estimate.value
-        if base is None:
-            raise SprintlabError(
-                f"the bench does not determine {name} ({estimate.reason}): give a base motor"
-            )
-        return float(getattr(base, name))

@@ -140,7 +140,7 @@ def lacking_term(
     """
     row = channel.rows[kept[channel.rows]]
     strongest, found = LACKING, ""
-    for name, term in [*_terms(bench, row), *(_torque_terms(bench, row) if channel.name == "torque" else [])]:
+    for name, term in _terms(bench, row, channel.name == "torque"):
         column = np.zeros(len(residuals))
         column[begin : begin + len(row)] = term
         left = column - decomposition.basis @ (decomposition.basis.T @ column)
@@ -153,27 +153,32 @@ def lacking_term(
     return found
 
 
-def _terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
-    current = bench.current[row] / max(float(np.max(np.abs(bench.current))), 1e-300)
-    terms = [("current", term) for term in _shapes(current)]
-    if bench.speed is None:
-        return terms
-    speed = bench.speed[row] / max(float(np.max(np.abs(bench.speed))), 1e-300)
-    terms += [("speed", term) for term in _shapes(speed)]
-    products = (speed * np.abs(current), speed * current * np.abs(current), np.abs(speed) * current)
-    return terms + [("speed and current together", term) for term in products]
+def _terms(bench: Bench, row: NDArray[np.int64], of_torque: bool) -> list[tuple[str, FloatArray]]:
+    """What residuals may follow: smooth terms, and in the torque faults of benches, not of motors.
 
+    Those are a gear that loses with the load, and sensors with a wrong zero.
+    """
 
-def _torque_terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
-    """Faults of benches, not of motors: a gear that loses with the load, and sensors with a wrong zero."""
-    way, size = directions(bench)[row], np.abs(bench.current[row])
-    drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
-    both = bool((drives > 0.0).any() and (drives < 0.0).any())
-    return [*([(LOAD_LOSS, size * way)] if both else []), (ZERO, np.ones(len(row)))]
+    def scaled(values: FloatArray) -> FloatArray:
+        return values[row] / max(float(np.max(np.abs(values))), 1e-300)
 
+    def shapes(values: FloatArray) -> tuple[FloatArray, ...]:
+        return values * np.abs(values), values**2, values**3
 
-def _shapes(values: FloatArray) -> tuple[FloatArray, ...]:
-    return values * np.abs(values), values**2, values**3
+    current = scaled(bench.current)
+    terms = [("current", term) for term in shapes(current)]
+    if bench.speed is not None:
+        speed = scaled(bench.speed)
+        terms += [("speed", term) for term in shapes(speed)]
+        products = (speed * np.abs(current), speed * current * np.abs(current), np.abs(speed) * current)
+        terms += [("speed and current together", term) for term in products]
+    if of_torque:
+        way, size = directions(bench)[row], np.abs(bench.current[row])
+        drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
+        if (drives > 0.0).any() and (drives < 0.0).any():
+            terms.append((LOAD_LOSS, size * way))
+        terms.append((ZERO, np.ones(len(row))))
+    return terms
 
 
 def _ranges(rows: Sequence[int]) -> list[tuple[int, int]]:

@@ -31,16 +31,9 @@ _FEWEST_ROWS = 4  # of a window: two a half
 _SEVERAL = 2.0  # rows a window from which a file is a log; steady points are seconds apart
 _LARGEST_SHARE = 0.99  # quantile that counts as the largest, so that a spike does not widen the tolerance
 _COLUMNS = (
-    "current",
-    "torque",
-    "speed",
-    "d_current",
-    "q_voltage",
-    "d_voltage",
-    "power",
-    "bus_voltage",
-    "temperature",
-)
+    "current", "torque", "speed", "d_current", "q_voltage", "d_voltage", "power", "bus_voltage",
+    "temperature", "time",
+)  # fmt: skip
 
 
 def is_log(bench: Bench, window: float = WINDOW) -> bool:
@@ -63,8 +56,22 @@ def rested(bench: Bench, window: float = WINDOW, speed_may_change: bool = False)
         InvalidValueError: a window outside [0.001, 60] s.
     """
     check_range("window", window, 1e-3, 60.0, "s")
-    starts, counts, kept = _windows(bench, window)
-    steady = kept & (counts >= _FEWEST_ROWS) & _resting(bench, starts, counts, speed_may_change)
+    if bench.time is None:
+        raise SprintlabError("windows need a time column, e.g. 'time [s]'")
+    backwards = np.flatnonzero(np.diff(bench.time) < 0.0)
+    if len(backwards):
+        line = bench.lines[backwards[0] + 1]
+        raise SprintlabError(f"the time runs backwards in line {line}: give one recording at a time")
+    number = np.floor((bench.time - bench.time[0]) / window).astype(np.int64)
+    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    counts = np.diff(np.append(starts, bench.size))
+    limited = np.add.reduceat(bench.limited.astype(int), starts)
+    steady = (counts >= _FEWEST_ROWS) & ((limited == 0) | (limited == counts))
+    tolerances = [(bench.current, CHANGE * _largest(bench.current))]
+    if bench.speed is not None and not speed_may_change:
+        tolerances.append((bench.speed, max(CHANGE * _largest(bench.speed), STANDING)))
+    for values, tolerance in tolerances:
+        steady &= _changes(values, starts, counts) <= tolerance
     if not steady.any():
         raise SprintlabError(
             f"the log rests nowhere: current or speed change by more than {CHANGE:.0%} of their largest "
@@ -75,32 +82,6 @@ def rested(bench: Bench, window: float = WINDOW, speed_may_change: bool = False)
         f"row; {bench.size} rows were read"
     )
     return replace(_means(bench, starts[steady], counts[steady]), remarks=(*bench.remarks, remark))
-
-
-def _windows(bench: Bench, window: float) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """First row and number of rows of every window, and whether no row of it is at the inverter's limit."""
-    if bench.time is None:
-        raise SprintlabError("windows need a time column, e.g. 'time [s]'")
-    steps = np.diff(bench.time)
-    if (steps < 0.0).any():
-        line = bench.lines[1:][steps < 0.0][0]
-        raise SprintlabError(f"the time runs backwards in line {line}: give one recording at a time")
-    number = np.floor((bench.time - bench.time[0]) / window).astype(np.int64)
-    starts = np.flatnonzero(np.diff(number, prepend=-1))
-    counts = np.diff(np.append(starts, bench.size))
-    mixed = np.add.reduceat(bench.limited.astype(int), starts)
-    return starts, counts, (mixed == 0) | (mixed == counts)
-
-
-def _resting(
-    bench: Bench, starts: NDArray[Any], counts: NDArray[Any], speed_may_change: bool
-) -> NDArray[Any]:
-    """Windows whose second half has about the current and the speed of their first."""
-    resting = _changes(bench.current, starts, counts) <= CHANGE * _largest(bench.current)
-    if bench.speed is not None and not speed_may_change:
-        allowed = max(CHANGE * _largest(bench.speed), STANDING)
-        resting &= _changes(bench.speed, starts, counts) <= allowed
-    return resting
 
 
 def _largest(values: FloatArray) -> float:
@@ -118,25 +99,16 @@ def _changes(values: FloatArray, starts: NDArray[Any], counts: NDArray[Any]) -> 
 
 
 def _means(bench: Bench, starts: NDArray[Any], counts: NDArray[Any]) -> Bench:
+    """One row per window; the acceleration is the least-squares slope of the speed over the time."""
+
     def mean(values: FloatArray) -> FloatArray:
         total = np.concatenate(([0.0], np.cumsum(values)))
         return (total[starts + counts] - total[starts]) / counts
 
     given = {name: getattr(bench, name) for name in _COLUMNS}
-    return replace(
-        bench,
-        **{name: None if values is None else mean(values) for name, values in given.items()},
-        limited=bench.limited[starts],
-        lines=bench.lines[starts],
-        time=None if bench.time is None else mean(bench.time),
-        acceleration=None if bench.speed is None else _slopes(bench, mean),
-    )
-
-
-def _slopes(bench: Bench, mean: Any) -> FloatArray:
-    """Least-squares slope of the speed over the time in each window [rad/s^2]."""
-    assert bench.time is not None and bench.speed is not None
-    time = bench.time - bench.time[0]
-    spread = mean(time**2) - mean(time) ** 2
-    together = mean(time * bench.speed) - mean(time) * mean(bench.speed)
-    return together / np.maximum(spread, 1e-12)
+    averaged = {name: mean(values) for name, values in given.items() if values is not None}
+    if bench.speed is not None and bench.time is not None:
+        time = bench.time - bench.time[0]
+        together = mean(time * bench.speed) - mean(time) * mean(bench.speed)
+        averaged["acceleration"] = together / np.maximum(mean(time**2) - mean(time) ** 2, 1e-12)
+    return replace(bench, **averaged, limited=bench.limited[starts], lines=bench.lines[starts])
