@@ -157,23 +157,3 @@ def make_trial() -> Callable[..., TrialResult]:
         )
 
     return build
-
-
-@pytest.fixture
-def cloud_arrays() -> dict[str, np.ndarray]:
-    """What a training with ideal motors keeps of four robots at three moments: half strong at high speed."""
-    shape = (3, 4, 12)
-    velocity = np.broadcast_to(np.array([-10.0, 5.0, 38.0, 40.0])[:, None], shape)
-    return {
-        "time": np.array([0.0, 0.08, 0.16], dtype=np.float32),
-        "joint_velocity": velocity.astype(np.float16),
-        "joint_torque": np.full(shape, 60.0, dtype=np.float16),
-        "on_limit": np.broadcast_to(np.arange(4)[:, None] == 3, shape),
-        "forward_speed": np.full(shape[:2], 9.0, dtype=np.float16),
-        "bus_voltage_factor": np.ones(shape[:2], dtype=np.float32),
-        "resistance_factor": np.ones(4, dtype=np.float32),
-        "motor_strength": np.ones((4, 12), dtype=np.float32),
-        "robot": np.array("bp2"),
-        "motor_model": np.array("square"),
-        "format": np.array(1),
-    }

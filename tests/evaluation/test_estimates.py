@@ -26,11 +26,6 @@ def turned(angle):
     return np.array([[math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]])
 
 
-def test_body_velocity_turns_with_the_body():
-    forward = body_velocity(turned(math.pi / 2), np.array([[0.0, 3.0, 1.0]]))
-    np.testing.assert_allclose(forward, [[3.0, 0.0, 1.0]], atol=1e-12)
-
-
 @given(
     st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.lists(st.floats(-10, 10), min_size=3, max_size=3)
 )

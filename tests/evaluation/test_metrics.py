@@ -12,7 +12,6 @@ from sprintlab.evaluation.metrics import (
     angular_cost,
     envelope_share,
     final_speed,
-    over_speed_share,
     peak_speed,
     slip_per_step,
     stances,
@@ -45,10 +44,6 @@ def test_peak_is_the_highest_half_second(make_trajectory):
     velocity = np.zeros((2000, 2))
     velocity[500:750, 0], velocity[1000:1010, 0] = 8.0, 50.0
     assert peak_speed(make_trajectory(velocity=velocity)) == pytest.approx(8.0)
-
-
-def test_peak_of_a_too_short_trajectory_is_not_defined(make_trajectory):
-    assert math.isnan(peak_speed(make_trajectory(seconds=0.3)))
 
 
 def test_held_speed_is_the_last_two_seconds_of_the_hold(make_trajectory, robot):
@@ -135,13 +130,6 @@ def test_a_robot_that_stands_or_shakes_has_no_stride():
     assert math.isnan(stride_frequency(np.zeros((20, 12)), 0.002))
 
 
-def test_duty_factor_is_the_share_of_time_on_the_ground(make_trajectory, robot):
-    time = np.arange(2000) / 500.0
-    contact = np.stack([((time * 5.0 + phase) % 1.0) < 0.3 for phase in (0.0, 0.5, 0.1, 0.6)], axis=1)
-    metrics = trial_metrics(make_trajectory(foot_contact=contact), robot, HOLD)
-    np.testing.assert_allclose(metrics.duty_factor, 0.3, atol=0.02)
-
-
 def test_a_bounce_does_not_make_a_second_stance():
     contact = np.zeros(100, dtype=bool)
     contact[10:20] = contact[23:30] = contact[60:70] = True
@@ -164,9 +152,8 @@ def test_over_speed_share_is_the_time_of_all_joints_beyond_their_own_no_load_spe
     velocity[:500, 4] = -1.01 * limit[4]
     velocity[:, 5] = 0.99 * limit[5]
     trajectory = make_trajectory(joint_velocity=velocity)
-    assert over_speed_share(trajectory, robot) == pytest.approx(0.25 / 12.0)
+    assert trial_metrics(trajectory, robot, HOLD).over_speed_share == pytest.approx(0.25 / 12.0)
     lower_bus = PlantOptions(bus_voltage=0.9 * robot.bus_voltage)
-    assert over_speed_share(trajectory, robot, lower_bus) == pytest.approx(1.25 / 12.0)
     measured = trial_metrics(trajectory, robot, HOLD, plant=lower_bus)
     assert measured.over_speed_share == pytest.approx(1.25 / 12.0)
 
@@ -177,9 +164,6 @@ def test_the_rise_at_the_end_of_the_hold_is_last_second_minus_the_one_before(mak
     velocity[:, 0] = 5.0 + 0.3 * time
     rising = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, HOLD)
     assert rising.hold_acceleration == pytest.approx(0.3)
-    velocity[:, 0] = 5.0 + 0.09 * time
-    slower = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, HOLD)
-    assert slower.hold_acceleration == pytest.approx(0.09)
     short = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, (3.0, 4.0))
     assert math.isnan(short.hold_acceleration)
 
@@ -223,12 +207,6 @@ def test_stance_and_touchdowns_of_a_trot(make_trajectory, robot):
     assert metrics.stance_time == pytest.approx(0.04, abs=0.0021)
     assert metrics.touchdowns_per_stride == pytest.approx(1.0, abs=0.06)
     assert metrics.mean_duty == pytest.approx(0.2, abs=0.01)
-
-
-def test_a_foot_that_bounces_has_short_stances_and_many_touchdowns(make_trajectory, robot):
-    metrics = trial_metrics(make_trajectory(**gait(5.0, [(0.0, 0.05), (0.08, 0.13)])), robot, HOLD)
-    assert metrics.stance_time == pytest.approx(0.01, abs=0.0021)
-    assert metrics.touchdowns_per_stride == pytest.approx(2.0, abs=0.1)
 
 
 def test_the_lane_is_left_by_the_outer_edge_of_a_foot_before_the_line(make_trajectory, robot):

@@ -1,7 +1,6 @@
 """The search for the highest speed, the pool of workers and the step-size check."""
 
 import hashlib
-import math
 import os
 import shutil
 import signal
@@ -66,12 +65,6 @@ def test_the_search_stops_at_the_first_speed_that_fails(make_trial):
     assert result.common.mean("angular_cost") == pytest.approx(1.0)
 
 
-def test_a_policy_that_always_falls_has_no_max_velocity(make_trial):
-    result = run_protocol(FakePool(make_trial, lambda speed: 10), self_paced=True)
-    assert result.best is None and len(result.speeds) == 1
-    assert math.isnan(result.mean("held_speed")) and result.common is None
-
-
 def test_the_search_ends_at_its_top(make_trial):
     settings = ProtocolSettings(start=1.0, top=1.6)
     result = run_protocol(FakePool(make_trial, lambda speed: 0), self_paced=True, settings=settings)
@@ -119,18 +112,6 @@ def test_the_short_cut_finds_the_same_speed(make_trial, limit, expected):
 def test_the_short_cut_avoids_what_the_audit_objects_to_where_it_can(make_trial, honest, expected):
     pool = FakePool(make_trial, lambda speed: 10 if speed > 9.5 else 0, honest=honest)
     assert find_top_speed(pool) == expected
-
-
-def test_the_short_cut_goes_down_until_enough_trials_complete(make_trial):
-    class Lucky(FakePool):
-        def trials(self, requests, most_falls=None):
-            results = super().trials(requests)
-            single = len({request.top_speed for request in requests}) > 1
-            if single:
-                results = [self.make_trial(one.top_speed, held_speed=one.top_speed) for one in results]
-            return results
-
-    assert find_top_speed(Lucky(make_trial, lambda speed: 2 if speed > 15.0 else 0)) == 15.0
 
 
 def test_every_speed_gets_the_same_varied_trials():

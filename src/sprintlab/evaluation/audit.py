@@ -36,8 +36,8 @@ class Check:
     """One line of the audit.
 
     Attributes:
-        name: of the line.
-        unit: of value and limit, ``""`` for a ratio.
+        name: what the line is called.
+        unit: the one of value and limit, ``""`` for a ratio.
         value: from a trial and the policy's rate [Hz]: the trial's worst.
         limit: in the same unit; for a stance in policy periods.
         note: why it is asked.
@@ -242,7 +242,7 @@ def with_clock_loss(report: AuditReport, loss: float) -> AuditReport:
 
     Args:
         report: with the line on the stride's period.
-        loss: of the held speed with the worst other clock, as a share; 1 where a trial failed there.
+        loss: share of the held speed that the worst other clock costs; 1 where a trial failed there.
     """
     item = AuditItem(
         name=CLOCK_LOSS_ITEM,

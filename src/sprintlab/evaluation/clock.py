@@ -28,13 +28,13 @@ class ClockTrials:
     """The seeded trials of one v* with one clock.
 
     Attributes:
-        clock: of the policy.
+        clock: the policy's.
         trials: how many ran.
         completed: how many did not fall and came to rest.
         held_speed: mean over those [m/s]; this and the following are ``nan`` where there is none.
         stride_frequency: median [Hz].
         stride_steps: the same as policy steps a stride.
-        clock_distance: of the stride from a whole number of policy steps, median over the trials.
+        clock_distance: how far the stride is from a whole number of policy steps, median over the trials.
     """
 
     clock: PolicyClock

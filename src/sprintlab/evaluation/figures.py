@@ -37,7 +37,7 @@ GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
 POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
 
-_SPLIT = 10.0  # [m] way between the times that the figure of a sprint tells
+_SPLIT = 10.0  # [m] between the times that the figure of a sprint tells
 
 
 def recorded(trial: TrialResult) -> Trajectory:
@@ -68,7 +68,7 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
 
 
 def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT) -> Figure:
-    """Speed over the way run, with the time at every ten metres."""
+    """Speed over distance, with the time at every ten metres."""
     figure, (axis,) = themed_figure(theme, (9.5, 3.9), 1, 1)
     looks = ((raw, "raw", theme.speed, 0.13), (self_paced, "self-paced", theme.second, 0.04))
     splits = np.arange(_SPLIT, raw.distance + 0.5 * _SPLIT, _SPLIT)
@@ -86,7 +86,7 @@ def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LI
             axis.text(split, height, f"{moment:.1f}", color=colour, fontsize=8, **place)
     axis.set(xlim=(0.0, raw.distance), ylim=(0.0, None), ylabel="forward speed [m/s]")
     axis.set_xticks([0.0, *splits])
-    axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
+    axis.set_xlabel("distance of the base [m]   (numbers above the axis: seconds since the first command)")
     legend_above(axis, theme)
     return figure
 

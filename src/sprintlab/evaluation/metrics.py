@@ -1,4 +1,4 @@
-"""What a trajectory amounts to: speeds, J, motor use, power, gait, and what the exploit audit looks at."""
+"""What a trajectory amounts to: speeds, J, motor use, power, gait, and what the exploit audit judges."""
 
 from __future__ import annotations
 
@@ -54,26 +54,23 @@ def trial_metrics(
         finish: when the line of a sprint was reached [s]; ``None`` where there is no line.
         fell: whether the robot fell at the end of the trajectory.
     """
-    window = steady_window(trajectory, hold_interval)
-    duty = (
-        trajectory.foot_contact[window].mean(axis=0)
-        if window.any()
-        else np.full(len(robot.leg_names), math.nan)
-    )
+    window, speed_ratio = steady_window(trajectory, hold_interval), _speed_ratio(trajectory, robot, plant)
+    undefined = np.full(len(robot.leg_names), math.nan)
+    duty = trajectory.foot_contact[window].mean(axis=0) if window.any() else undefined
     return TrialMetrics(
         held_speed=_mean(trajectory.velocity[window, 0]),
         hold_acceleration=hold_acceleration(trajectory, hold_interval),
         peak_speed=peak_speed(trajectory),
         angular_cost=angular_cost(trajectory),
         angular_cost_rate=angular_cost_rate(trajectory, hold_interval),
-        over_speed_share=over_speed_share(trajectory, robot, plant),
+        over_speed_share=float((speed_ratio > 1.0).mean()),
         lateral_deviation=float(np.abs(trajectory.qpos[:, 1]).max()),
         envelope_share=tuple(envelope_share(trajectory).tolist()),
         distance=float(trajectory.qpos[-1, 0] - trajectory.qpos[0, 0]),
-        joint_speed_ratio=tuple(_joint_speed_ratio(trajectory, robot, plant).tolist()),
+        joint_speed_ratio=tuple(speed_ratio.max(axis=0).tolist()),
         gear_torque_ratio=tuple(_gear_torque_ratio(trajectory, robot).tolist()),
         pad_deflection=float(trajectory.foot_penetration.max()),
-        foot_force=peak_foot_force(trajectory) / ((robot.total_mass + payload) * GRAVITY),
+        foot_force=_peak(trajectory.foot_impact) / ((robot.total_mass + payload) * GRAVITY),
         smallest_leg_distance=float(trajectory.leg_distance.min()),
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
@@ -119,9 +116,9 @@ def final_speed(trajectory: Trajectory) -> float:
     return float(np.hypot(*trajectory.velocity[last].T).max())
 
 
-def peak_foot_force(trajectory: Trajectory) -> float:
-    """Greatest normal force on one foot [N], mean over 5 ms; ``nan`` where no force was measured."""
-    return math.nan if trajectory.foot_impact is None else float(trajectory.foot_impact.max())
+def _peak(values: FloatArray | None) -> float:
+    """The greatest value; ``nan`` where nothing was measured."""
+    return math.nan if values is None else float(values.max())
 
 
 def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
@@ -146,15 +143,11 @@ def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[s
 
 
 def _line_numbers(trajectory: Trajectory, robot: RobotDescription, finish: float) -> dict[str, Any]:
-    """What happened before the line of a sprint: way out of the lane's middle, hottest winding."""
+    """What happened before the line of a sprint: distance from the lane's middle, hottest winding."""
     ran = trajectory.time <= (finish if math.isfinite(finish) else math.inf)
     sideways = np.abs(trajectory.foot_position[ran, :, 1]).max() + robot.foot_radius
-    return {
-        "lane_excursion": float(sideways),
-        "line_winding_temperature": _line_temperature(trajectory, robot, ran)
-        if math.isfinite(finish)
-        else math.nan,
-    }
+    temperature = _line_temperature(trajectory, robot, ran) if math.isfinite(finish) else math.nan
+    return {"lane_excursion": float(sideways), "line_winding_temperature": temperature}
 
 
 def _line_temperature(trajectory: Trajectory, robot: RobotDescription, ran: NDArray[np.bool_]) -> float:
@@ -201,17 +194,14 @@ def angular_cost_rate(trajectory: Trajectory, hold_interval: tuple[float, float]
     return float((rate[:, 0] ** 2 + rate[:, 1] ** 2).mean())
 
 
-def over_speed_share(
-    trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None = None
-) -> float:
-    """Share of all joints' time at which a joint turns faster than its motor's no-load speed.
+def _speed_ratio(trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None) -> FloatArray:
+    """Motor speed over no-load speed ``(T, joints)``.
 
-    There the back-EMF exceeds what the inverter can balance with a driving current: the drive brakes.
+    Beyond 1 the back-EMF exceeds what the inverter can balance with a driving current: the drive brakes.
     """
-    ratio = np.asarray(robot.gear.ratio)
-    bus = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
-    beyond = np.abs(trajectory.joint_velocity) * ratio > np.asarray(no_load_speed(robot.motors, bus))
-    return float(beyond.mean())
+    voltage = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
+    speed = np.abs(trajectory.joint_velocity) * robot.gear.ratio
+    return speed / np.asarray(no_load_speed(robot.motors, voltage))
 
 
 def moving(trajectory: Trajectory) -> NDArray[np.bool_]:
@@ -252,7 +242,7 @@ def stances(contact: NDArray[np.bool_], shortest_flight: int = 1) -> NDArray[np.
 
 
 def slip_per_step(trajectory: Trajectory) -> float:
-    """Mean way that a foot slides in one stance, while asked to move [m]; ``nan`` without a step."""
+    """Mean distance that a foot slides in one stance, while asked to move [m]; ``nan`` without a step."""
     step = sample_time(trajectory)
     flight = round(_LONGEST_BOUNCE / step)
     active = moving(trajectory)
@@ -331,27 +321,25 @@ def _parabola_peak(correlation: FloatArray, lag: int) -> float:
 
 
 def _supply_extremes(trajectory: Trajectory, robot: RobotDescription) -> dict[str, Any]:
-    bus, winding, level = trajectory.bus_voltage, trajectory.winding_temperature, trajectory.i2t_level
-    return {
-        "lowest_bus_voltage": None if bus is None else float(bus.min()),
-        "lowest_bus_time": None if bus is None else float(trajectory.time[bus.argmin()]),
-        "hottest_winding": None if winding is None else float(winding.max()),
-        "highest_i2t_level": None if level is None else float(level.max()),
-        "i2t_full": () if level is None else _full_joints(trajectory.time, level, robot),
-    }
-
-
-def _full_joints(
-    time: FloatArray, level: FloatArray, robot: RobotDescription
-) -> tuple[tuple[str, float], ...]:
-    """Joints whose I²t was full, and when first [s], in the order of time."""
-    full = level >= _FULL
-    found = [
-        (name, float(time[column.argmax()]))
-        for name, column in zip(robot.joint_names, full.T, strict=True)
-        if column.any()
-    ]
-    return tuple(sorted(found, key=lambda item: item[1]))
+    """Lowest voltage, hottest winding, highest I²t, and the joints whose I²t was full, first ones first."""
+    found: dict[str, Any] = {}
+    if (bus := trajectory.bus_voltage) is not None:
+        found |= {
+            "lowest_bus_voltage": float(bus.min()),
+            "lowest_bus_time": float(trajectory.time[bus.argmin()]),
+        }
+    if (winding := trajectory.winding_temperature) is not None:
+        found["hottest_winding"] = float(winding.max())
+    if (level := trajectory.i2t_level) is not None:
+        full = level >= _FULL
+        first = [
+            (name, float(trajectory.time[column.argmax()]))
+            for name, column in zip(robot.joint_names, full.T, strict=True)
+            if column.any()
+        ]
+        found["highest_i2t_level"] = float(level.max())
+        found["i2t_full"] = tuple(sorted(first, key=lambda item: item[1]))
+    return found
 
 
 def _load_share(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
@@ -411,15 +399,6 @@ def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray
     if trajectory.copper_loss is not None:
         return trajectory.copper_loss
     return np.asarray(copper_loss(robot.motors, trajectory.motor_torque))
-
-
-def _joint_speed_ratio(
-    trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None
-) -> FloatArray:
-    """Highest motor speed over the no-load speed ``(joints,)``."""
-    voltage = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
-    fastest = np.abs(trajectory.joint_velocity).max(axis=0) * robot.gear.ratio
-    return fastest / no_load_speed(robot.motors, voltage)
 
 
 def _mean(values: NDArray) -> float:

@@ -13,7 +13,7 @@ class Quantity:
     """One field of ``TrialMetrics`` as people and programs read it.
 
     Attributes:
-        field: of ``TrialMetrics``.
+        field: its name in ``TrialMetrics``.
         key: in JSON files.
         name: in tables.
         digits: behind the point.

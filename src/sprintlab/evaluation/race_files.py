@@ -42,10 +42,10 @@ def write_race(
 
     Args:
         target: where to write, kept free by ``reserved_directory``.
-        result: of the race.
+        result: the race.
         robot: that ran.
         table: the robot's name, or path of its parameter table.
-        facts: of ``race_facts``.
+        facts: what ``race_facts`` gave.
         video: also render an MP4 where that is possible.
         progress: called with what is being done.
 
@@ -66,7 +66,7 @@ def write_race(
 
 
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
-    """What somebody needs to repeat a race: command as typed, policy, training run, versions."""
+    """What it takes to repeat a race: command as typed, policy, training run, versions."""
     facts = {
         "command": command_line,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),

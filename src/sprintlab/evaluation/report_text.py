@@ -112,7 +112,7 @@ class ResultRow(NamedTuple):
     """One line of the table of results, raw beside self-paced.
 
     Attributes:
-        name: of the quantity.
+        name: what the quantity is called.
         raw: mean ± standard deviation over the trials that completed.
         self_paced: the same, self-paced.
         unit: as text.

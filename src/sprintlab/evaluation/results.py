@@ -154,7 +154,7 @@ class TrialMetrics:
         "share of all joints' time in which the drive can only brake")
     # fmt: on
     distance: float = math.nan
-    """Forward way of the base [m]."""
+    """Forward distance of the base [m]."""
     envelope_share: tuple[float, ...] = ()
     """Share of the time asked to move in which each joint's torque sits on a limit ``(joints,)``."""
     feet: tuple[str, ...] = ()
@@ -178,7 +178,7 @@ class TrialMetrics:
     smallest_leg_distance: float = math.nan
     """Between the surfaces of two legs [m]; negative: they overlap."""
     slip_per_step: float = math.nan
-    """Mean way that a foot slides in one stance [m]."""
+    """Mean distance that a foot slides in one stance [m]."""
     final_speed: float = math.nan
     """Highest horizontal speed in the last second [m/s]; ``nan`` after a fall."""
     lane_excursion: float = math.nan
@@ -220,7 +220,7 @@ class AuditItem:
     Attributes:
         name: e.g. ``"gear torque"``.
         value: median over the trials of each trial's worst.
-        worst: of all trials; may miss the limit by a little more than the median, see ``audit_trials``.
+        worst: the same of the worst trial, which may miss the limit a little: see ``audit_trials``.
         unit: unit of value and threshold, ``""`` for a ratio.
         threshold: the limit.
         passed: whether the value keeps the limit.
@@ -413,7 +413,7 @@ class SprintResult:
     """One run over a distance.
 
     Attributes:
-        distance: the way to run [m].
+        distance: to run [m].
         time: from the first non-zero command to the base's last metre [s]; ``nan`` when not reached.
         trial: the run itself.
         stalled: whether it was given up because the robot got nowhere.

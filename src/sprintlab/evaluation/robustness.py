@@ -58,9 +58,9 @@ class RobustnessRanges:
         delay: from reading to new targets [s].
         sensor_noise: over that of training.
         joint_offset: half-width of the encoders' zero errors [rad].
-        push_speed: of each push; on average one in 3 s [m/s].
-        foot_stiffness: of the pads [N/m].
-        foot_restitution: of the pads.
+        push_speed: change of speed with each push; on average one in 3 s [m/s].
+        foot_stiffness: stiffness of the pads [N/m].
+        foot_restitution: restitution of the pads.
 
     Raises:
         InvalidValueError: an interval is out of range.
@@ -103,7 +103,7 @@ def draw_request(
         group: ``ALL``, ``NOMINAL`` or one of ``CAUSES``: what is drawn; the rest is nominal.
         top_speed: v* [m/s].
         bus_voltage: nominal [V].
-        distance: of the sprint [m].
+        distance: length of the sprint [m].
         ranges: what is drawn from.
         plant: how the robot is simulated otherwise.
 
@@ -150,8 +150,8 @@ class StudySettings:
         top_speed: v* of every sprint [m/s].
         trials: sprints with everything randomized at once.
         cause_trials: sprints of each cause alone, and of the nominal robot.
-        distance: of each sprint [m].
-        seed: of the first sprint; the next one has the next seed.
+        distance: length of each sprint [m].
+        seed: seed of the first sprint; the next one has the next seed.
         ranges: what is drawn from.
 
     Raises:

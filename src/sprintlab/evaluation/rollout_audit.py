@@ -149,7 +149,7 @@ def _reach(motors: JointMotors) -> FloatArray:
 
 
 def _stance_and_slip(rollout: Rollout) -> tuple[float | None, float | None]:
-    """Median stance [s] and mean way that a foot slides in one [m], of stances that were recorded whole."""
+    """Median stance [s] and mean distance that a foot slides in one [m]; stances recorded whole count."""
     if rollout.foot_contact is None:
         return None, None
     step, spans, slid = np.diff(rollout.time, append=rollout.time[-1]), [], []

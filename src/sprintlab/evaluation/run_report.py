@@ -107,7 +107,7 @@ def simulate_commands(
 
 
 def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
-    """Command, measured speed and simulated speed over time; way over time below."""
+    """Command, measured speed and simulated speed over time; distance over time below."""
     figure, (speed, way) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
     command = thinned_curve(run.command_time, run.command[:, 0])
     speed.plot(*command, color=theme.command, linewidth=1.2, label="command")
@@ -122,7 +122,7 @@ def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Them
     way.plot(*thinned_curve(run.fix_time, run.fix_way), **look)
     way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
     speed.set(ylabel="forward speed [m/s]", xlim=(0.0, float(run.command_time[-1])))
-    way.set(ylabel="way [m]", xlabel="time since the policy took over [s]")
+    way.set(ylabel="distance [m]", xlabel="time since the policy took over [s]")
     legend_above(speed, theme)
     return figure
 

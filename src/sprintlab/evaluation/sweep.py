@@ -65,7 +65,7 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     held_speed_m_s: float | None
     """Mean over the last 2 s of the hold, of a sprint before the line, of a turn at its end [m/s]."""
     distance_m: float
-    """Forward way of the base [m]."""
+    """Forward distance of the base [m]."""
     time_s: float | None = None
     """From the first command to the line of a sprint [s]."""
     left_lane: bool = False

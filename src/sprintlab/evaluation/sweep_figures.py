@@ -23,7 +23,7 @@ def robustness_figure(summary: dict[str, Any], runs: Sequence[Run], title: str) 
     """Held speed of all sprints as a distribution, and what each cause costs by itself.
 
     Args:
-        summary: of ``summarize``.
+        summary: what ``summarize`` gave.
         runs: the sprints.
         title: policy and command.
     """

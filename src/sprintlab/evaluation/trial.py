@@ -38,7 +38,7 @@ LONGEST_SPRINT = 3600.0
 SLOWEST_SHARE = 0.25
 """Who runs a sprint slower than this share of its command is given up."""
 STALL_TIME, STALL_WAY = 10.0, 1.0
-"""Who comes no farther than this way [m] in this time [s] of a sprint is given up."""
+"""Who comes no farther than this distance [m] in this time [s] of a sprint is given up."""
 
 
 def check_top_speed(field: str, top_speed: float) -> None:
@@ -68,7 +68,7 @@ class TrialRequest:
         distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
         hold: duration of the profile's hold [s].
         plant: how the robot is simulated.
-        clock: of the policy.
+        clock: the policy's.
         keep_trajectory: whether the result carries its arrays.
 
     Raises:
@@ -126,7 +126,7 @@ class SprintCourse(Course):
     """Rise and hold until the distance is run, then brake and stand.
 
     Args:
-        profile: of the command.
+        profile: the command's rise and fall.
         distance: to run [m].
         rest: the command stays zero for so long; its last second tells a stop [s].
         slowest_share: who is slower than this share of the command is given up.
@@ -147,7 +147,7 @@ class SprintCourse(Course):
         self.profile, self.distance, self._rest, self._slowest = profile, distance, rest, slowest_share
         self.finish_time: float | None = None
         self.stalled = False
-        self._mark = (0.0, 0.0)  # time [s] and way [m] of progress
+        self._mark = (0.0, 0.0)  # time [s] and distance [m] of progress
 
     @property
     def latest_finish(self) -> float:

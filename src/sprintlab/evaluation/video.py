@@ -143,7 +143,7 @@ class Scene:
     """The running robot, a camera that follows it, and the printed speed.
 
     Args:
-        model: of the robot.
+        model: the robot's.
         renderer: ``mujoco.Renderer``.
         trajectory: as in ``write_video``.
         finish: when the printed clock stops [s].
@@ -194,7 +194,7 @@ class Scene:
         return self._print(self._renderer.render(), sample)
 
     def _print(self, picture: Array, sample: int) -> Array:
-        """Speed, way and time on a band along the lower edge."""
+        """Speed, distance and time on a band along the lower edge."""
         from PIL import Image, ImageDraw
 
         image = Image.fromarray(picture)

@@ -84,7 +84,7 @@ class Pace:
 
     Attributes:
         name: what the page calls it.
-        splits: time since the start [s] and way [m], ``(n, 2)``, both rising.
+        splits: time since the start [s] and distance [m], ``(n, 2)``, both rising.
     """
 
     name: str
@@ -235,7 +235,7 @@ def _run(run: ReplayRun, model: mujoco.MjModel, distance: float, lap: bool) -> d
 
 
 def _way(qpos: Array, lap: bool) -> Array:
-    """Way of the base along the track ``(T,)`` [m], zero at its first sample."""
+    """Distance of the base along the track ``(T,)`` [m], zero at its first sample."""
     if not lap:
         return qpos[:, 0] - qpos[0, 0]
     track = Track()
