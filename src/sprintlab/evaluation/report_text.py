@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sprintlab.evaluation.audit import CLOCK_ITEM
-from sprintlab.evaluation.quantities import number
+from sprintlab.evaluation.quantities import Quantity, number
 from sprintlab.evaluation.results import (
     QUANTITIES,
     REST_SPEED,
@@ -128,38 +129,48 @@ class ResultRow(NamedTuple):
 
 def result_rows(result: RaceResult) -> Iterator[ResultRow]:
     """The table of results of the terminal and of the report."""
-    groups, sprints = (result.raw, result.self_paced), (result.sprint, result.sprint_self_paced)
+
+    def row(name: str, text: Callable[[SpeedResult], str], unit: str = "", meaning: str = "") -> ResultRow:
+        return ResultRow(name, text(result.raw), text(result.self_paced), unit, meaning)
+
+    sprints = sprint_text(result.sprint), sprint_text(result.sprint_self_paced)
     time = f"time over {result.sprint.distance:g} m"
-    yield ResultRow(time, *map(sprint_text, sprints), "s", "one run each, nominal friction and payload")
+    yield ResultRow(time, *sprints, "s", "one run each, nominal friction and payload")
     for item in QUANTITIES:
-        values = (_with_spread(group, item.field, item.digits) for group in groups)
-        yield ResultRow(item.name, *values, item.unit, item.meaning)
-    steady = ({True: "yes", False: "no", None: "-"}[group.held_steady] for group in groups)
-    yield ResultRow("held steady", *steady, "", "rising by at most 0.1 m/s per second")
-    falls = (f"{group.falls} of {len(group.trials)}" for group in groups)
-    yield ResultRow("falls", *falls, "", "trials that fell")
-    moving = (f"{group.not_stopped} of {len(group.trials)}" for group in groups)
-    yield ResultRow("did not stop", *moving, "", f"not below {REST_SPEED:g} m/s in the last second")
+        yield row(item.name, partial(_with_spread, item=item), item.unit, item.meaning)
+    yield row("held steady", _steady, "", "rising by at most 0.1 m/s per second")
+    yield row("falls", lambda group: f"{group.falls} of {len(group.trials)}", "", "trials that fell")
+    slow = f"not below {REST_SPEED:g} m/s in the last second"
+    yield row("did not stop", lambda group: f"{group.not_stopped} of {len(group.trials)}", "", slow)
     if result.battery is not None:
         held = battery_text(result.battery)
         yield ResultRow("held speed on battery, windings warm", held, "", "m/s", "one nominal trial")
     for which, pick in (("mean", np.mean), ("busiest", np.max)):
-        shares = (100 * np.asarray(group.mean("envelope_share"), dtype=float) for group in groups)
-        values = (number(float(pick(share)), 1) for share in shares)
-        yield ResultRow(f"time on the envelope, {which} joint", *values, "%", "torque on its limit")
-    levels = [
-        [level for trial in group.trials if (level := trial.metrics.highest_i2t_level) is not None]
-        for group in groups
-    ]
-    if any(levels):
-        values = (f"{100.0 * max(group):.0f}" if group else "" for group in levels)
-        yield ResultRow("I²t, highest level of all joints", *values, "%", "100: only continuous current")
+        name = f"time on the envelope, {which} joint"
+        yield row(name, partial(_envelope_share, pick=pick), "%", "torque on its limit")
+    if any(map(_i2t_level, (result.raw, result.self_paced))):
+        yield row("I²t, highest level of all joints", _i2t_level, "%", "100: only continuous current")
 
 
-def _with_spread(group: SpeedResult, field: str, digits: int) -> str:
-    mean = number(group.mean(field), digits)
-    values = [getattr(trial.metrics, field) for trial in group.completed]
-    deviation = number(float(np.std(values, ddof=1)), digits) if len(values) > 1 else "-"
+def _steady(group: SpeedResult) -> str:
+    return "-" if group.held_steady is None else "yes" if group.held_steady else "no"
+
+
+def _envelope_share(group: SpeedResult, pick: Callable[..., Any]) -> str:
+    return number(float(pick(100 * np.asarray(group.mean("envelope_share"), dtype=float))), 1)
+
+
+def _i2t_level(group: SpeedResult) -> str:
+    """The highest of a group's trials; empty without a limit by I²t."""
+    levels = [trial.metrics.highest_i2t_level for trial in group.trials]
+    known = [level for level in levels if level is not None]
+    return f"{100.0 * max(known):.0f}" if known else ""
+
+
+def _with_spread(group: SpeedResult, item: Quantity) -> str:
+    mean = number(group.mean(item.field), item.digits)
+    values = [getattr(trial.metrics, item.field) for trial in group.completed]
+    deviation = number(float(np.std(values, ddof=1)), item.digits) if len(values) > 1 else "-"
     return mean if "-" in (mean, deviation) else f"{mean} ± {deviation}"
 
 

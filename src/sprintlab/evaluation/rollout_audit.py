@@ -171,7 +171,7 @@ def _whole_stances(contact: FloatArray) -> NDArray[np.intp]:
 def _unused_feet(rollout: Rollout) -> tuple[str, ...]:
     if rollout.foot_contact is None:
         return ()
-    touched = rollout.foot_contact.any(axis=0)
+    touched = np.any(rollout.foot_contact != 0.0, axis=0).tolist()
     names = rollout.foot_names or tuple(f"foot {at}" for at in range(len(touched)))
     return tuple(name for name, touches in zip(names, touched, strict=True) if not touches)
 

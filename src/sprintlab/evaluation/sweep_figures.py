@@ -85,8 +85,8 @@ def turning_figure(found: TurningMap) -> Figure:
         if not run.upright:
             axis.plot(*asked, "x", color=LIGHT.on_limit, markersize=7)
             continue
-        achieved = run.held_speed_m_s, run.yaw_rate_rad_s
-        axis.plot(*zip(asked, achieved, strict=True), color=LIGHT.muted, linewidth=0.8)
+        achieved = np.array([run.held_speed_m_s, run.yaw_rate_rad_s], dtype=float)
+        axis.plot(*np.array([asked, achieved]).T, color=LIGHT.muted, linewidth=0.8)
         axis.plot(*achieved, "o", color=LIGHT.speed, markersize=4)
     commands = np.array([(p.turn.forward, p.turn.yaw_rate) for p in found.points])
     axis.plot(*commands.T, "o", mfc="none", color=LIGHT.command, markersize=7, label="commanded")
