@@ -362,7 +362,10 @@ def robot_sim(
 
 
 def _simulated(report: SimulatorReport) -> Result:
-    marks = [(f"passed {mark:g} m at", f"{moment:.2f}", "s") for mark, moment in report.finish_times.items()]
+    marks = [
+        (f"passed {mark:g} m, after the simulation's start", f"{moment:.2f}", "s")
+        for mark, moment in report.finish_times.items()
+    ]
     rows = [
         ("simulated time", f"{report.simulated_time:.2f}", "s"),
         ("greatest distance", f"{report.greatest_distance:.2f}", "m"),
