@@ -31,7 +31,7 @@ def test_a_clip_is_rendered_beside_the_training_and_lies_in_tensorboard(tmp_path
     write_gif(pictures, tmp_path / "made.gif")
     code = f"import shutil, sys; shutil.copy({str(tmp_path / 'made.gif')!r}, sys.argv[-3])"
     monkeypatch.setattr(clip_module, "new_interpreter", lambda: rendering(code))
-    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips = Clips(tmp_path, "bp2")
     clips.begin(np.zeros((10, 7)), 600)
     clips.begin(np.zeros((10, 7)), 1200)  # one at a time
     clip = clips.finished(WAIT)
@@ -46,7 +46,7 @@ def test_a_clip_is_rendered_beside_the_training_and_lies_in_tensorboard(tmp_path
 
 def test_where_nothing_renders_there_are_no_clips(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(clip_module, "new_interpreter", lambda: rendering("raise SystemExit(1)"))
-    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips = Clips(tmp_path, "bp2")
     clips.begin(np.zeros((10, 7)), 1)
     assert clips.finished(WAIT) is None and not clips.working
     clips.begin(np.zeros((10, 7)), 2)
@@ -55,7 +55,7 @@ def test_where_nothing_renders_there_are_no_clips(tmp_path: Path, monkeypatch) -
 
 @pytest.mark.parametrize("path", [np.full((10, 7), np.nan), np.zeros((0, 7))])
 def test_a_robot_without_a_path_is_not_rendered(tmp_path: Path, path: np.ndarray) -> None:
-    clips = Clips(tmp_path, "bp2", knee_spring=True)
+    clips = Clips(tmp_path, "bp2")
     clips.begin(path, 1)
     assert clips.finished() is None and clips.working and not (tmp_path / "clips").exists()
 

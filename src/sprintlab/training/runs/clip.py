@@ -36,14 +36,13 @@ class Clips:
     Args:
         folder: of the run: clips are GIFs in its folder ``clips``.
         robot: name, folder or table of the robot.
-        knee_spring: whether the simulated robot has its passive springs.
 
     Attributes:
         working: whether clips can be rendered here, as far as is known.
     """
 
-    def __init__(self, folder: Path, robot: str, knee_spring: bool) -> None:
-        self._folder, self._robot, self._knee_spring = folder / FOLDER, robot, knee_spring
+    def __init__(self, folder: Path, robot: str) -> None:
+        self._folder, self._robot = folder / FOLDER, robot
         self._process: subprocess.Popen[bytes] | None = None
         self._target, self._states = self._folder, self._folder
         self.working = True
@@ -65,7 +64,6 @@ class Clips:
             np.savez(file, qpos=path)
         self._states, self._target = Path(name), self._folder / f"{iteration:06d}.gif"
         command = [*new_interpreter(), "-m", __name__, name, str(self._target), "--robot", self._robot]
-        command += [] if self._knee_spring else ["--no-knee-spring"]
         silent = subprocess.DEVNULL
         self._process = subprocess.Popen(
             command, env=_environment(), stdin=silent, stdout=silent, stderr=silent
@@ -142,13 +140,11 @@ def _main() -> None:
     parser.add_argument("states", type=Path)
     parser.add_argument("target", type=Path)
     parser.add_argument("--robot", required=True)
-    parser.add_argument("--no-knee-spring", action="store_true")
     given = parser.parse_args()
     if hasattr(os, "nice"):
         os.nice(10)
-    options = ModelOptions(visuals=True, knee_spring=not given.no_knee_spring)
     path = read_arrays(given.states, ("qpos",))["qpos"]
-    write_clip(path, build_model(load_robot(given.robot), options), given.target)
+    write_clip(path, build_model(load_robot(given.robot), ModelOptions(visuals=True)), given.target)
 
 
 if __name__ == "__main__":

@@ -157,8 +157,7 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         rolled_back=float(runner.learner.rolled_back),
         quiet=not leads,
     )
-    simulation = runner.settings.simulation
-    clips = Clips(options.output, runner.settings.robot, simulation.knee_spring) if wanted else None
+    clips = Clips(options.output, runner.settings.robot) if wanted else None
     if leads and progress.iteration:
         with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
