@@ -11,8 +11,10 @@ is written as a literal, else as an entry of the legs' table, ``leg[k]``.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
 
@@ -155,9 +157,13 @@ class Algebra:
         """What the C++ code around the function calls ``name``."""
         return self.node("variable", values=(name,))
 
-    def variables(self, name: str, count: int) -> list[Expression]:
+    def variables(self, name: str, count: int) -> NDArray[np.object_]:
         """``name[0]`` to ``name[count - 1]``."""
-        return [self.variable(f"{name}[{index}]") for index in range(count)]
+        return np.array([self.variable(f"{name}[{index}]") for index in range(count)])
+
+    def zeros(self) -> Vector:
+        """A vector of zeros."""
+        return np.array([self.constant(0.0)] * 3)
 
     def sine(self, angle: Expression) -> tuple[Expression, Expression]:
         """Sine and cosine of an angle."""
@@ -226,72 +232,33 @@ class Writer:
         return f"const number t{node.index} = {_FORMATS[node.operation].format(*names)};"
 
 
-Vector = list[Expression]
-"""Three components."""
-Matrix = list[list[Expression]]
+Vector: TypeAlias = NDArray[np.object_]
+"""Three expressions; arrays of expressions add, multiply and transpose as arrays of numbers do."""
+Matrix: TypeAlias = NDArray[np.object_]
 """Three rows of three."""
-
-
-def add(first: Vector, second: Vector) -> Vector:
-    """Sum of two vectors."""
-    return [a + b for a, b in zip(first, second, strict=True)]
-
-
-def subtract(first: Vector, second: Vector) -> Vector:
-    """Difference of two vectors."""
-    return [a - b for a, b in zip(first, second, strict=True)]
-
-
-def scale(factor: Expression, vector: Vector) -> Vector:
-    """A number times a vector."""
-    return [factor * x for x in vector]
-
-
-def dot(first: Vector, second: Vector) -> Expression:
-    """Inner product of two vectors."""
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product of two vectors."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def transpose(matrix: Matrix) -> Matrix:
-    """Rows become columns."""
-    return [[matrix[j][i] for j in range(3)] for i in range(3)]
-
-
-def times(matrix: Matrix, vector: Vector) -> Vector:
-    """A matrix times a vector."""
-    return [dot(row, vector) for row in matrix]
-
-
-def plus(first: Matrix, second: Matrix) -> Matrix:
-    """Sum of two matrices."""
-    return [add(a, b) for a, b in zip(first, second, strict=True)]
-
-
-def minus(first: Matrix, second: Matrix) -> Matrix:
-    """Difference of two matrices."""
-    return [subtract(a, b) for a, b in zip(first, second, strict=True)]
-
-
-def cross_matrix(vector: Vector, matrix: Matrix) -> Matrix:
-    """``[vector]x matrix``."""
-    return transpose([cross(vector, column) for column in transpose(matrix)])
-
-
-def matrix_cross(matrix: Matrix, vector: Vector) -> Matrix:
-    """``matrix [vector]x``."""
-    return [cross(row, vector) for row in matrix]
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def skew(vector: Vector) -> Matrix:
     """``[vector]x``."""
     x, y, z = vector
-    zero = x - x
-    return [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.array([[x - x, -z, y], [z, x - x, -x], [-y, x, x - x]])
+
+
+def diagonal(value: Expression) -> Matrix:
+    """A number times the unit matrix."""
+    matrix = np.full((3, 3), value - value)
+    matrix[np.diag_indices(3)] = value
+    return matrix
+
+
+def mirrored(matrix: Matrix) -> Matrix:
+    """A symmetric matrix from its upper triangle: the lower one is then not computed."""
+    return np.array([[matrix[min(a, b), max(a, b)] for b in range(3)] for a in range(3)])
 
 
 class Rotation:
@@ -299,36 +266,32 @@ class Rotation:
 
     def __init__(self, axis: int, sine: Expression, cosine: Expression) -> None:
         self._axis, self._sine, self._cosine = axis, sine, cosine
-        self._first, self._second = (axis + 1) % 3, (axis + 2) % 3
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        self._matrix = diagonal(sine.algebra.constant(1.0))
+        self._matrix[[first, second], [first, second]] = cosine
+        self._matrix[first, second], self._matrix[second, first] = -sine, sine
 
     def up(self, vector: Vector) -> Vector:
         """From the child's frame to the parent's."""
-        return self._turned(vector, self._sine)
+        return self._matrix @ vector
 
     def down(self, vector: Vector) -> Vector:
         """From the parent's frame to the child's."""
-        return self._turned(vector, -self._sine)
-
-    def _turned(self, vector: Vector, sine: Expression) -> Vector:
-        i, j, turned = self._first, self._second, list(vector)
-        turned[i] = self._cosine * vector[i] - sine * vector[j]
-        turned[j] = sine * vector[i] + self._cosine * vector[j]
-        return turned
+        return self._matrix.T @ vector
 
     def up_matrix(self, matrix: Matrix) -> Matrix:
         """``R matrix R^T``."""
-        rows = transpose([self.up(column) for column in transpose(matrix)])
-        return [self.up(row) for row in rows]
+        return self._matrix @ matrix @ self._matrix.T
 
     def up_symmetric(self, matrix: Matrix) -> Matrix:
         """``R matrix R^T`` of a symmetric matrix, with half of the products."""
-        i, j, k = self._first, self._second, self._axis
-        sine, cosine, turned = self._sine, self._cosine, [list(row) for row in matrix]
-        mixed, difference = cosine * sine, matrix[i][i] - matrix[j][j]
-        twice = mixed * matrix[i][j] + mixed * matrix[i][j]
-        turned[i][i] = matrix[i][i] - sine * sine * difference - twice
-        turned[j][j] = matrix[j][j] + sine * sine * difference + twice
-        turned[i][j] = turned[j][i] = (cosine * cosine - sine * sine) * matrix[i][j] + mixed * difference
-        turned[k][i] = turned[i][k] = cosine * matrix[k][i] - sine * matrix[k][j]
-        turned[k][j] = turned[j][k] = sine * matrix[k][i] + cosine * matrix[k][j]
+        k, i, j = self._axis, (self._axis + 1) % 3, (self._axis + 2) % 3
+        sine, cosine, turned = self._sine, self._cosine, matrix.copy()
+        mixed, difference = cosine * sine, matrix[i, i] - matrix[j, j]
+        twice = mixed * matrix[i, j] + mixed * matrix[i, j]
+        turned[i, i] = matrix[i, i] - sine * sine * difference - twice
+        turned[j, j] = matrix[j, j] + sine * sine * difference + twice
+        turned[i, j] = turned[j, i] = (cosine * cosine - sine * sine) * matrix[i, j] + mixed * difference
+        turned[k, i] = turned[i, k] = cosine * matrix[k, i] - sine * matrix[k, j]
+        turned[k, j] = turned[j, k] = sine * matrix[k, i] + cosine * matrix[k, j]
         return turned

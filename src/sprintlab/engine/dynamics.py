@@ -27,7 +27,7 @@ Consecutive parallel joints (hip, knee, spring) share one frame, in which only t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,18 +40,10 @@ from sprintlab.engine.algebra import (
     Rotation,
     Vector,
     Writer,
-    add,
     cross,
-    cross_matrix,
-    dot,
-    matrix_cross,
-    minus,
-    plus,
-    scale,
+    diagonal,
+    mirrored,
     skew,
-    subtract,
-    times,
-    transpose,
 )
 from sprintlab.engine.tree import Leg, Link, Tree
 
@@ -62,7 +54,7 @@ CARRIED = ("w", "v", "alpha", "b", "x", "z", "g")
 """What a leg must know of the body that carries it, in that body's frame: angular velocity, velocity of its
 origin, their rates from velocities alone, the world's axes x and z, gravity."""
 SPATIAL_INERTIA = 21
-_UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+_UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True)
@@ -75,24 +67,20 @@ class _Inertia:
 
     def __add__(self, other: _Inertia) -> _Inertia:
         return _Inertia(
-            plus(self.rotation, other.rotation),
-            plus(self.coupling, other.coupling),
-            plus(self.translation, other.translation),
+            self.rotation + other.rotation,
+            self.coupling + other.coupling,
+            self.translation + other.translation,
         )
 
     def packed(self) -> list[Expression]:
         """Its 21 numbers: rotation 6, coupling 9, translation 6."""
-        rotation = [self.rotation[a][b] for a, b in _UPPER]
-        coupling = [x for row in self.coupling for x in row]
-        return [*rotation, *coupling, *(self.translation[a][b] for a, b in _UPPER)]
+        return [*self.rotation[_UPPER], *self.coupling.ravel(), *self.translation[_UPPER]]
 
 
-def _unpacked(values: list[Expression]) -> _Inertia:
-    coupling = [values[6 + 3 * row : 9 + 3 * row] for row in range(3)]
-    rotation, translation = (
-        _symmetric(lambda a, b, six=six: six[_UPPER.index((a, b))]) for six in (values[:6], values[15:21])
-    )
-    return _Inertia(rotation, coupling, translation)
+def _unpacked(values: Vector) -> _Inertia:
+    rotation, translation = np.empty((2, 3, 3), dtype=object)
+    rotation[_UPPER], translation[_UPPER] = values[:6], values[15:21]
+    return _Inertia(mirrored(rotation), values[6:15].reshape(3, 3), mirrored(translation))
 
 
 class _Chain:
@@ -118,7 +106,7 @@ class _Chain:
 
     def constants(self, values: list[FloatArray]) -> Vector:
         """A vector, one per leg."""
-        return [self.algebra.constant(column) for column in np.array(values).T]
+        return np.array([self.algebra.constant(column) for column in np.array(values).T])
 
     def _turn(self) -> None:
         """The rotation of each joint's frame, or of its link alone within a group of parallel joints."""
@@ -145,15 +133,16 @@ class _Chain:
                 rotations += [] if self.parallel[i] else [outer]
             own = self.frame[i]
             rotations += [] if own is None else [own]
-            height = height + dot(vectors["z"], place)
-            vectors["v"] = add(vectors["v"], cross(vectors["w"], place))
-            vectors["b"] = add(vectors["b"], times(_turning(vectors), place))
+            height = height + vectors["z"] @ place
+            vectors["v"] = vectors["v"] + cross(vectors["w"], place)
+            vectors["b"] = vectors["b"] + _turning(vectors) @ place
             for rotation in rotations:
                 for name, vector in vectors.items():
                     vectors[name] = rotation.down(vector)
-            rate = [self.qd[i] if k == self.axes[i] else self.algebra.constant(0.0) for k in range(3)]
-            vectors["alpha"] = add(vectors["alpha"], cross(vectors["w"], rate))
-            vectors["w"] = add(vectors["w"], rate)
+            rate = self.algebra.zeros()
+            rate[self.axes[i]] = self.qd[i]
+            vectors["alpha"] = vectors["alpha"] + cross(vectors["w"], rate)
+            vectors["w"] = vectors["w"] + rate
             self.steps.append((place, rotations))
             self.motions.append(dict(vectors))
             self.turning.append(_turning(vectors))
@@ -170,27 +159,23 @@ class _Chain:
         for place, rotations in reversed(self.steps[:links]):
             for rotation in reversed(rotations):
                 point = rotation.up(point)
-            point = add(place, point)
+            point = place + point
         return point
 
     def _own(self, i: int) -> tuple[_Inertia, Vector, Vector]:
         """Inertia of a link, and moment and force of the motion that velocities alone cause."""
         bodies = [row[i].body for row in self.rows]
         rotation = np.array([body.about_origin() for body in bodies])
-        matrix = [[self.algebra.constant(rotation[:, a, b]) for b in range(3)] for a in range(3)]
+        entries = [self.algebra.constant(column) for column in rotation.reshape(len(bodies), 9).T]
+        matrix = np.array(entries).reshape(3, 3)
         lever = self.constants([body.mass * body.center for body in bodies])
         mass = self.algebra.constant(np.array([body.mass for body in bodies]))
         link = self.link[i]
         if link is not None:
             matrix, lever = link.up_symmetric(matrix), link.up(lever)
-        zero, (w, alpha, b) = (
-            self.algebra.constant(0.0),
-            (self.motions[i][name] for name in ("w", "alpha", "b")),
-        )
-        moment = add(add(times(matrix, alpha), cross(w, times(matrix, w))), cross(lever, b))
-        force = add(scale(mass, b), times(self.turning[i], lever))
-        diagonal = [[mass if a == c else zero for c in range(3)] for a in range(3)]
-        return _Inertia(matrix, skew(lever), diagonal), moment, force
+        w, alpha, b = (self.motions[i][name] for name in ("w", "alpha", "b"))
+        moment = matrix @ alpha + cross(w, matrix @ w) + cross(lever, b)
+        return _Inertia(matrix, skew(lever), diagonal(mass)), moment, b * mass + self.turning[i] @ lever
 
     def backward(self, inertia: _Inertia, moment: Vector, force: Vector) -> tuple[_Inertia, Vector, Vector]:
         """Articulated inertia and bias at the chain's root; the arguments are what acts on the last link."""
@@ -198,7 +183,7 @@ class _Chain:
         self.rest = [self.half] * self.count
         for i in reversed(range(self.count)):
             own, own_moment, own_force = self._own(i)
-            inertia, moment, force = inertia + own, add(moment, own_moment), add(force, own_force)
+            inertia, moment, force = inertia + own, moment + own_moment, force + own_force
             inertia, moment, force = self._through_joint(i, inertia, moment, force)
             inertia, moment, force = self._to_parent(i, inertia, moment, force)
         return inertia, moment, force
@@ -207,19 +192,18 @@ class _Chain:
         self, i: int, inertia: _Inertia, moment: Vector, force: Vector
     ) -> tuple[_Inertia, Vector, Vector]:
         axis, damping = self.axes[i], self.constant("damping", i)
-        angular = [inertia.rotation[k][axis] for k in range(3)]
-        linear = inertia.coupling[axis]
+        angular, linear = inertia.rotation[:, axis], inertia.coupling[axis]
         inverse = self.algebra.reciprocal(angular[axis] + self.constant("armature", i) + self.half * damping)
         spring = self.constant("stiffness", i) * (self.q[i] - self.constant("rest", i))
         rest = self.tau[i] - spring - damping * self.qd[i] - moment[axis]
         self.coupling[i], self.inverse[i], self.rest[i] = (angular, linear), inverse, rest
         push = inverse * rest
-        moment, force = add(moment, scale(push, angular)), add(force, scale(push, linear))
-        scaled = scale(inverse, angular), scale(inverse, linear)
+        moment, force = moment + angular * push, force + linear * push
+        scaled, shifted = angular * inverse, linear * inverse
         reduced = _Inertia(
-            _reduced(inertia.rotation, scaled[0], angular),
-            minus(inertia.coupling, [[a * b for b in linear] for a in scaled[0]]),
-            _reduced(inertia.translation, scaled[1], linear),
+            mirrored(inertia.rotation - np.outer(scaled, angular)),
+            inertia.coupling - np.outer(scaled, linear),
+            mirrored(inertia.translation - np.outer(shifted, linear)),
         )
         return reduced, moment, force
 
@@ -231,44 +215,31 @@ class _Chain:
         for turn in reversed(rotations):
             rotation, coupling = turn.up_symmetric(rotation), turn.up_matrix(coupling)
             translation, moment, force = turn.up_symmetric(translation), turn.up(moment), turn.up(force)
-        moved = minus(transpose(coupling), matrix_cross(translation, place))
-        rotation = plus(minus(rotation, matrix_cross(coupling, place)), cross_matrix(place, moved))
-        for a, b in ((1, 0), (2, 0), (2, 1)):
-            rotation[a][b] = rotation[b][a]
-        return _Inertia(rotation, transpose(moved), translation), add(moment, cross(place, force)), force
+        moved = coupling.T - translation @ skew(place)
+        rotation = mirrored(rotation - coupling @ skew(place) + skew(place) @ moved)
+        return _Inertia(rotation, moved.T, translation), moment + cross(place, force), force
 
     def accelerate(self, angular: Vector, linear: Vector) -> tuple[list[Expression], Vector, Vector]:
         """``q''``, and what comes on top of the last link's motion, from that of the body that carries it."""
         joints = []
         for i in range(self.count):
             place, rotations = self.steps[i]
-            linear = add(linear, cross(angular, place))
+            linear = linear + cross(angular, place)
             for rotation in rotations:
                 angular, linear = rotation.down(angular), rotation.down(linear)
-            pull = dot(self.coupling[i][0], angular) + dot(self.coupling[i][1], linear)
+            pull = self.coupling[i][0] @ angular + self.coupling[i][1] @ linear
             joints.append(self.inverse[i] * (self.rest[i] - pull))
-            angular = list(angular)
+            angular = angular.copy()
             angular[self.axes[i]] = angular[self.axes[i]] + joints[i]
         return joints, angular, linear
 
 
 def _turning(motion: dict[str, Vector]) -> Matrix:
     """``K = [alpha]x + [w]x [w]x``: the acceleration of a point at ``r`` of a turning body is ``K r``."""
-    w, turned = motion["w"], skew(motion["alpha"])
-    square = [[w[a] * w[b] for b in range(3)] for a in range(3)]
-    inward = [-(square[a - 1][a - 1] + square[a - 2][a - 2]) for a in range(3)]
-    return plus(turned, [[square[a][b] if a != b else inward[a] for b in range(3)] for a in range(3)])
-
-
-def _reduced(matrix: Matrix, first: Vector, second: Vector) -> Matrix:
-    """``matrix - first second^T``, which is symmetric."""
-    return _symmetric(lambda a, b: matrix[a][b] - first[a] * second[b])
-
-
-def _symmetric(entry: Callable[[int, int], Expression]) -> Matrix:
-    """A symmetric matrix from its upper triangle."""
-    upper = {(a, b): entry(a, b) for a, b in _UPPER}
-    return [[upper[min(a, b), max(a, b)] for b in range(3)] for a in range(3)]
+    centripetal = np.outer(motion["w"], motion["w"])
+    square = centripetal.diagonal().copy()
+    centripetal[np.diag_indices(3)] = [-(square[a - 1] + square[a - 2]) for a in range(3)]
+    return skew(motion["alpha"]) + centripetal
 
 
 class _Functions:
@@ -278,7 +249,7 @@ class _Functions:
         self._writer, self._functions = Writer(algebra), []
         self._algebra = algebra
 
-    def add(self, head: str, results: dict[str, list[Expression]]) -> None:
+    def add(self, head: str, results: dict[str, Iterable[Expression]]) -> None:
         """A function ``head`` that writes each list of results into the array of its name."""
         before = {f"t{index}" for index in self._writer.written}
         flat = [node for nodes in results.values() for node in nodes]
@@ -318,7 +289,7 @@ def leg_source(tree: Tree, algebra: Algebra) -> str:
     chain = _Chain(algebra, [leg.links for leg in tree.legs])
     vectors = {name: algebra.variables(f"carrier.{name}", 3) for name in CARRIED}
     if tree.waist is None:
-        vectors["alpha"] = vectors["b"] = [algebra.constant(0.0)] * 3
+        vectors["alpha"] = vectors["b"] = algebra.zeros()
     height = chain.forward(vectors, algebra.variable("carrier.height"))
     foot, middle = _foot(tree.legs, chain, vectors, height)
     functions = _Functions(algebra)
@@ -335,35 +306,32 @@ def leg_source(tree: Tree, algebra: Algebra) -> str:
     )
     start = algebra.variables("start", 6)
     joints, angular, linear = chain.accelerate(start[:3], start[3:])
-    contact = add(add(linear, cross(angular, lever)), offset)
+    contact = linear + cross(angular, lever) + offset
     functions.add(
         f"accelerate(const Carrier& carrier, const number* start, {table}, number* kept, number* qdd, "
         "number* contact)",
-        {"qdd": joints, "contact": [dot(axis, contact) for axis in _world(vectors)]},
+        {"qdd": joints, "contact": _world(vectors) @ contact},
     )
     text, kept = functions.text("leg")
     return f"#define KEPT {kept}\n{text}"
 
 
-def _world(vectors: dict[str, Vector]) -> list[Vector]:
-    """The world's axes in the last link's frame."""
-    return [vectors["x"], cross(vectors["z"], vectors["x"]), vectors["z"]]
+def _world(vectors: dict[str, Vector]) -> Matrix:
+    """The world's axes in the last link's frame, row by row."""
+    return np.array([vectors["x"], cross(vectors["z"], vectors["x"]), vectors["z"]])
 
 
 def _foot(
     legs: tuple[Leg, ...], chain: _Chain, vectors: dict[str, Vector], height: Expression
 ) -> tuple[list[Expression], Vector]:
     """``FOOT_VALUES``, then the place of the foot's middle in the last link's frame."""
-    middle = chain.at_last([leg.foot for leg in legs])
-    lever = subtract(middle, scale(chain.algebra.constant(legs[0].radius), vectors["z"]))
-    velocity = add(vectors["v"], cross(vectors["w"], lever))
-    center = add(vectors["v"], cross(vectors["w"], middle))
-    axes, zero = _world(vectors), [chain.algebra.constant(0.0)] * 3
+    middle, w, zero = chain.at_last([leg.foot for leg in legs]), vectors["w"], chain.algebra.zeros()
+    lever = middle - vectors["z"] * chain.algebra.constant(legs[0].radius)
     knee = max(index for index, link in enumerate(legs[0].links) if np.any(link.position))
-    values = [height + dot(vectors["z"], middle)]
-    values += [dot(axis, velocity) for axis in axes]
-    values += [dot(axis, center) for axis in axes]
-    values += chain.from_root(zero, knee) + chain.from_root(zero) + chain.from_root(middle)
+    values = [height + vectors["z"] @ middle]
+    for point in (lever, middle):
+        values += [*(_world(vectors) @ (vectors["v"] + cross(w, point)))]
+    values += [*chain.from_root(zero, knee), *chain.from_root(zero), *chain.from_root(middle)]
     return values, middle
 
 
@@ -376,25 +344,18 @@ def _pad(
     comes on top of the contact point's motion and ``A_0 = g + b + K r`` makes it the real acceleration.
     """
     algebra, n = chain.algebra, vectors["z"]
-    lever = subtract(middle, scale(algebra.constant(radius), n))
+    lever = middle - n * algebra.constant(radius)
     drag = chain.half * algebra.variable("drag")
     extra = chain.half * (algebra.variable("damping") - algebra.variable("drag"))
-    offset = add(vectors["g"], add(vectors["b"], times(chain.turning[-1], lever)))
-    push = [algebra.constant(0.0)] * 3
-    for value, axis in zip(algebra.variables("force", 3), _world(vectors), strict=True):
-        push = add(push, scale(value, axis))
-    push = subtract(push, add(scale(drag, offset), scale(extra * dot(n, offset), n)))
-    arm = cross(middle, n)
-    along, dragged = scale(extra, arm), scale(drag, lever)
-    rotation = _symmetric(lambda a, b: along[a] * arm[b] - dragged[a] * lever[b])
-    square = dot(dragged, lever)
-    for a in range(3):
-        rotation[a][a] = rotation[a][a] + square
-    coupling = plus(skew(dragged), [[along[a] * n[b] for b in range(3)] for a in range(3)])
-    normal = scale(extra, n)
-    translation = _symmetric(lambda a, b: normal[a] * n[b] + (drag if a == b else 0.0))
-    pad = _Inertia(rotation, coupling, translation)
-    return (pad, [-x for x in cross(lever, push)], [-x for x in push]), lever, offset
+    offset = vectors["g"] + vectors["b"] + chain.turning[-1] @ lever
+    push = _world(vectors).T @ algebra.variables("force", 3) - offset * drag - n * (extra * (n @ offset))
+    arm, dragged = cross(middle, n), lever * drag
+    along = arm * extra
+    rotation = np.outer(along, arm) - np.outer(dragged, lever) + diagonal(dragged @ lever)
+    coupling = skew(dragged) + np.outer(along, n)
+    translation = np.outer(n * extra, n) + diagonal(drag)
+    pad = _Inertia(mirrored(rotation), coupling, mirrored(translation))
+    return (pad, -cross(lever, push), -push), lever, offset
 
 
 def waist_source(tree: Tree) -> str:
@@ -437,12 +398,7 @@ def trunk_source() -> str:
     """
     algebra = Algebra(1)
     total = _unpacked(algebra.variables("sum", SPATIAL_INERTIA))
-    blocks = np.block(
-        [
-            [np.array(total.rotation), np.array(total.coupling)],
-            [np.array(transpose(total.coupling)), np.array(total.translation)],
-        ]
-    )
+    blocks = np.block([[total.rotation, total.coupling], [total.coupling.T, total.translation]])
     order = [3, 4, 5, 0, 1, 2]
     matrix = blocks[np.ix_(order, order)]
     right = [-algebra.variable(f"sum[{SPATIAL_INERTIA + index}]") for index in order]

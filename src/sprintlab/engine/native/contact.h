@@ -14,7 +14,7 @@ FUNCTION Touch press(const Pad& pad, number depth, const number* velocity, const
   const number reach = magnitude(closing) * half + S(1e-7);
   // leaving, the force ends where the dashpot's pull equals the spring's push
   const number loaded = depth + smaller(closing, zero) * pad.damping * reciprocal(pad.stiffness);
-  touch.share = smaller(larger(S(0.5) + S(0.5) * loaded * reciprocal(reach), zero), splat(S(1)));
+  touch.share = clamp01(S(0.5) + S(0.5) * loaded * reciprocal(reach));
   const number mean = larger(touch.share * reach, loaded);
   const number normal = touch.share * (pad.stiffness * mean + pad.damping * larger(closing, zero));
   touch.damping = touch.share * pad.damping;

@@ -1,32 +1,29 @@
 // What the audit limits, measured inside of the policy step and in the audit's units.
-struct JointWatch { number power, limited, depth, speed, gear, gear_sum; };  // sums: of this millisecond
+// Sums, and what is greatest, of what `write_joint` and `write_leg` give in the audit's units
+struct JointWatch { number power, gear_sum, limited, depth, speed, gear; };  // power and gear_sum: of this millisecond
 struct FootWatch {
   number force, deflection, stance, touchdowns, hasty, brief;  // since the policy step began
   number sum, recent[WINDOW], loaded, since, carried;          // left to the next one
 };
 
-FUNCTION void watch_joint(JointWatch& watch, const Drive& drive, const Driven& driven, number depth, number qd, number qdd,
-                          number step, number share) {
-  // the torque acts while the velocity goes from qd to qd + h qdd
-  watch.power = watch.power + (driven.shaft * (qd + S(0.5) * step * qdd) + driven.loss);
-  watch.limited = watch.limited + driven.limited * share;
-  watch.depth = larger(watch.depth, depth);
-  watch.speed = larger(watch.speed, magnitude(qd) * drive.inverse_no_load);
-  // through the gear goes what the motor delivers, less what turns its rotor
-  watch.gear_sum = watch.gear_sum + (driven.delivered - qdd * drive.armature);
+// `first`: of the steps of a millisecond
+FUNCTION void watch_joint(JointWatch& watch, const Drive& drive, const Driven& driven, number qd, number qdd, number step, bool first) {
+  // the torque acts while the velocity goes from qd to qd + h qdd; through the gear goes what does not turn the rotor
+  const number power = driven.shaft * (qd + S(0.5) * step * qdd) + driven.loss, gear = driven.delivered - qdd * drive.armature;
+  watch.power = first ? power : watch.power + power;
+  watch.gear_sum = first ? gear : watch.gear_sum + gear;
+  watch.limited = watch.limited + driven.limited;
+  watch.speed = larger(watch.speed, magnitude(qd));
 }
-// Each millisecond; returns the power that the joint has drawn, summed over its steps
-FUNCTION number end_joint_window(JointWatch& watch, const Drive& drive) {
-  const number power = watch.power;
-  watch.gear = larger(watch.gear, magnitude(watch.gear_sum) * (drive.inverse_peak * S(1.0 / BIN)));
-  watch.gear_sum = watch.power = splat(S(0));
-  return power;
+FUNCTION number end_joint_window(JointWatch& watch) {
+  watch.gear = larger(watch.gear, magnitude(watch.gear_sum));
+  return watch.power;
 }
 
-FUNCTION void watch_foot(FootWatch& watch, number normal, number depth, number step, number share, number shortest_stride,
-                         number shortest_stance) {
+FUNCTION void watch_foot(FootWatch& watch, number normal, number depth, number step, number shortest_stride, number shortest_stance,
+                         bool first) {
   const number zero = splat(S(0)), one = splat(S(1)), two = splat(S(2));
-  watch.sum = watch.sum + normal;
+  watch.sum = first ? normal : watch.sum + normal;
   watch.deflection = larger(watch.deflection, depth);
   const number on = if_greater(normal, one, one, zero), was = watch.loaded;  // stands from 1 N on
   const number touches = on * (S(1) - was), leaves = was * (S(1) - on);
@@ -38,17 +35,15 @@ FUNCTION void watch_foot(FootWatch& watch, number normal, number depth, number s
   watch.brief = watch.brief + leaves * smaller(larger(brief, zero), two);
   watch.since = smaller(watch.since * (S(1) - touches), one);
   watch.carried = on * (watch.carried * (S(1) - touches) + step);
-  watch.stance = watch.stance + on * share;
+  watch.stance = watch.stance + on;
   watch.loaded = on;
 }
-FUNCTION void end_foot_window(FootWatch& watch, number inverse_weight) {  // each millisecond
-  number sum = watch.sum * S(1.0 / BIN);
-  watch.sum = splat(S(0));
-  const number newest = sum;
+FUNCTION void end_foot_window(FootWatch& watch) {  // the sum over five milliseconds
+  number sum = watch.sum;
   UNROLL for (int i = 0; i < WINDOW - 1; i++) sum = sum + watch.recent[i];
-  watch.force = larger(watch.force, sum * inverse_weight * S(1.0 / WINDOW));
+  watch.force = larger(watch.force, sum);
   UNROLL for (int i = WINDOW - 2; i > 0; i--) watch.recent[i] = watch.recent[i - 1];
-  watch.recent[0] = newest;
+  watch.recent[0] = watch.sum;
 }
 
 // Two segments, p + s d and q + t e with s and t from 0 to 1: what their squared distances are made of.

@@ -124,14 +124,12 @@ FUNCTION Driven drive_joint(const Drive& drive, const Supplied& supplied, Contro
 
 // Dry friction and the end stop, which push and never pull; `depth`: how far the joint is in a stop's zone
 FUNCTION number passive_torque(const Drive& drive, const Supplied& supplied, number q, number qd, number& depth) {
-  const number zero = splat(S(0));
-  const number below = drive.lower - q, above = q - drive.upper;
+  const number zero = splat(S(0)), below = drive.lower - q, above = q - drive.upper;
   depth = larger(larger(below, above), zero);
-  const number up = larger(below * drive.stop_stiffness - qd * drive.stop_damping, zero);
-  const number down = larger(above * drive.stop_stiffness + qd * drive.stop_damping, zero);
-  const number stop = if_greater(below, zero, up, zero) - if_greater(above, zero, down, zero);
-  const number friction = supplied.friction_factor * drive.dry_friction * tangent(qd * S(1 / FRICTION_SPEED));
-  return stop - friction;
+  const number outward = if_greater(below, above, -qd, qd);
+  const number push = larger(depth * drive.stop_stiffness + outward * drive.stop_damping, zero);
+  const number stop = if_greater(depth, zero, if_greater(below, above, push, -push), zero);
+  return stop - supplied.friction_factor * drive.dry_friction * tangent(qd * S(1 / FRICTION_SPEED));
 }
 
 // One node: C dT/dt = loss - (T - T_ambient) / R, exact over a step in which the loss is constant

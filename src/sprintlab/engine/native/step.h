@@ -1,12 +1,10 @@
 // One policy step of the robots of one Place: all substeps, their monitors, then where the feet are.
+struct Joint { Control control; Driven driven; JointWatch watch; };
 struct Leg {
-  number q[LINKS], qd[LINKS], tau[LINKS], kept[KEPT], foot[FOOT_VALUES], bristle[2], force[3];
+  number q[LINKS], qd[LINKS], tau[LINKS], kept[KEPT], foot[FOOT_VALUES], bristle[2];
   scalar constants[LEG_CONSTANTS];
-  Control control[DRIVES];
-  number depth[DRIVES];
-  JointWatch joint[DRIVES];
+  Joint joints[DRIVES];
   FootWatch watch;
-  Driven driven[DRIVES];
   Touch touch;
 };
 struct Robot {
@@ -14,7 +12,7 @@ struct Robot {
   Mass mass;
   Pad pad;
   Supplied supplied;
-  number step, inverse_weight, delay, stride, stance;
+  number step, delay, stride, stance;
   number near[PAIR_SLOTS * LEGS_HERE], power;
   Leg legs[LEGS_HERE];
 #ifdef BATTERY
@@ -22,20 +20,15 @@ struct Robot {
 #endif
 #ifdef WAIST
   number q[1], qd[1], tau[1], kept[WAIST_KEPT + 1];
-  Control control;
-  number depth;
-  JointWatch joint;
-  Driven driven;
+  Joint joint;
 #endif
 };
 
-FUNCTION void clear(JointWatch& watch) {
-  watch.power = watch.limited = watch.depth = watch.speed = watch.gear = watch.gear_sum = splat(S(0));
-}
 FUNCTION number parameter(const Buffers& buffers, int column, Place place) {
   return read(buffers.parameters, PARAMETERS, column, place);
 }
-FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Control& control) {
+FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Joint& into) {
+  Control& control = into.control;
   control.target = read(buffers.target, JOINTS, joint, place);
   control.stiffness = read(buffers.stiffness, JOINTS, joint, place);
   control.damping = read(buffers.damping, JOINTS, joint, place);
@@ -47,18 +40,20 @@ FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Control
 #ifdef I2T
   control.level = read(buffers.i2t_level, JOINTS, joint, place);
 #endif
+  JointWatch& watch = into.watch;
+  watch.limited = watch.depth = watch.speed = watch.gear = splat(S(0));
 }
-FUNCTION void write_joint(const Buffers& buffers, int joint, Place place, const JointWatch& watch, const Driven& driven, const Control& control) {
-  write(buffers.torque, JOINTS, joint, driven.delivered, place);
-  write(buffers.limit_share, JOINTS, joint, watch.limited, place);
-  write(buffers.stop_depth, JOINTS, joint, watch.depth, place);
-  write(buffers.joint_speed, JOINTS, joint, watch.speed, place);
-  write(buffers.gear_torque, JOINTS, joint, watch.gear, place);
+FUNCTION void write_joint(const Buffers& buffers, int joint, Place place, const Joint& from, const Drive& drive) {
+  write(buffers.torque, JOINTS, joint, from.driven.delivered, place);
+  write(buffers.limit_share, JOINTS, joint, from.watch.limited * S(1.0 / SUBSTEPS), place);
+  write(buffers.stop_depth, JOINTS, joint, from.watch.depth, place);
+  write(buffers.joint_speed, JOINTS, joint, from.watch.speed * drive.inverse_no_load, place);
+  write(buffers.gear_torque, JOINTS, joint, from.watch.gear * (drive.inverse_peak / BIN), place);
 #ifdef HEAT
-  write(buffers.winding_temperature, JOINTS, joint, control.temperature, place);
+  write(buffers.winding_temperature, JOINTS, joint, from.control.temperature, place);
 #endif
 #ifdef I2T
-  write(buffers.i2t_level, JOINTS, joint, control.level, place);
+  write(buffers.i2t_level, JOINTS, joint, from.control.level, place);
 #endif
 }
 
@@ -85,7 +80,6 @@ FUNCTION void read_robot(const Buffers& buffers, Place place, Robot& robot) {
   robot.supplied.voltage = parameter(buffers, VOLTAGE, place);
   robot.supplied.resistance_factor = parameter(buffers, RESISTANCE_FACTOR, place);
   robot.supplied.friction_factor = parameter(buffers, FRICTION_FACTOR, place);
-  robot.inverse_weight = reciprocal(parameter(buffers, WEIGHT, place));
   robot.step = parameter(buffers, TIMESTEP, place);
   robot.delay = read_whole(buffers.delay, place);
   robot.stride = splat(buffers.shortest[0]);
@@ -99,8 +93,7 @@ FUNCTION void read_robot(const Buffers& buffers, Place place, Robot& robot) {
 #ifdef WAIST
   robot.q[0] = read(buffers.qpos, NQ, WAIST_QPOS, place);
   robot.qd[0] = read(buffers.qvel, NV, WAIST_QVEL, place);
-  read_joint(buffers, WAIST_JOINT, place, robot.control);
-  clear(robot.joint);
+  read_joint(buffers, WAIST_JOINT, place, robot.joint);
 #endif
 }
 
@@ -111,14 +104,11 @@ FUNCTION void read_leg(const Buffers& buffers, Place place, int l, Leg& leg) {
     leg.tau[i] = splat(S(0));
   }
   UNROLL for (int i = 0; i < LEG_CONSTANTS; i++) leg.constants[i] = LEG_TABLE[l * LEG_CONSTANTS + i];
-  UNROLL for (int i = 0; i < DRIVES; i++) {
-    read_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.control[i]);
-    clear(leg.joint[i]);
-  }
+  UNROLL for (int i = 0; i < DRIVES; i++) read_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joints[i]);
   UNROLL for (int i = 0; i < 2; i++) leg.bristle[i] = read(buffers.bristle, LEGS * 2, l * 2 + i, place);
   FootWatch& watch = leg.watch;
-  watch.force = watch.deflection = watch.stance = watch.touchdowns = watch.hasty = watch.brief = watch.sum = splat(S(0));
-  UNROLL for (int i = 0; i < WINDOW - 1; i++) watch.recent[i] = read(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, place);
+  watch.force = watch.deflection = watch.stance = watch.touchdowns = watch.hasty = watch.brief = splat(S(0));
+  UNROLL for (int i = 0; i < WINDOW - 1; i++) watch.recent[i] = S(BIN) * read(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, place);
   watch.loaded = read(buffers.loaded, LEGS, l, place);
   watch.since = read(buffers.since_touchdown, LEGS, l, place);
   watch.carried = read(buffers.carried, LEGS, l, place);
@@ -130,13 +120,13 @@ FUNCTION void write_leg(const Buffers& buffers, Place place, int l, Leg& leg, co
     write(buffers.qvel, NV, QVEL[l * LINKS + i], leg.qd[i], place);
   }
   UNROLL for (int i = 0; i < DRIVES; i++)
-    write_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joint[i], leg.driven[i], leg.control[i]);
+    write_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joints[i], leg_drive(i, leg.constants));
   UNROLL for (int i = 0; i < 2; i++) write(buffers.bristle, LEGS * 2, l * 2 + i, leg.bristle[i], place);
   const FootWatch& watch = leg.watch;
-  UNROLL for (int i = 0; i < WINDOW - 1; i++) write(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, watch.recent[i], place);
-  write(buffers.foot_force, LEGS, l, watch.force, place);
+  UNROLL for (int i = 0; i < WINDOW - 1; i++) write(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, watch.recent[i] * S(1.0 / BIN), place);
+  write(buffers.foot_force, LEGS, l, watch.force * S(1.0 / (WINDOW * BIN)) * reciprocal(parameter(buffers, WEIGHT, place)), place);
   write(buffers.pad_deflection, LEGS, l, watch.deflection, place);
-  write(buffers.stance, LEGS, l, watch.stance, place);
+  write(buffers.stance, LEGS, l, watch.stance * S(1.0 / SUBSTEPS), place);
   write(buffers.touchdowns, LEGS, l, watch.touchdowns, place);
   write(buffers.hasty_touchdowns, LEGS, l, watch.hasty, place);
   write(buffers.short_stances, LEGS, l, watch.brief, place);
@@ -145,7 +135,7 @@ FUNCTION void write_leg(const Buffers& buffers, Place place, int l, Leg& leg, co
   write(buffers.carried, LEGS, l, watch.carried, place);
   UNROLL for (int i = 0; i < 3; i++) {
     const number *knee = leg.foot + 10, *foot = leg.foot + 13;
-    write(buffers.contact_force, LEGS * 3, l * 3 + i, leg.force[i], place);
+    write(buffers.contact_force, LEGS * 3, l * 3 + i, leg.touch.force[i], place);
     write(buffers.foot_velocity, LEGS * 3, l * 3 + i, leg.foot[4 + i], place);
     write(buffers.foot_position, LEGS * 3, l * 3 + i, trunk.position[i] + m[3 * i] * foot[0] + m[3 * i + 1] * foot[1] + m[3 * i + 2] * foot[2], place);
     write(buffers.knee_position, LEGS * 3, l * 3 + i, trunk.position[i] + m[3 * i] * knee[0] + m[3 * i + 1] * knee[1] + m[3 * i + 2] * knee[2], place);
@@ -161,7 +151,7 @@ FUNCTION void write_robot(const Buffers& buffers, Place place, const Robot& robo
       write(buffers.qvel, NV, 3 + i, trunk.w[i], place);
     }
     UNROLL for (int i = 0; i < 4; i++) write(buffers.qpos, NQ, 3 + i, trunk.quaternion[i], place);
-    write(buffers.power, 1, 0, robot.power, place);
+    write(buffers.power, 1, 0, robot.power * S(1.0 / SUBSTEPS), place);
 #ifdef BATTERY
     write(buffers.state_of_charge, 1, 0, robot.pack.charge, place);
     write(buffers.bus_voltage, 1, 0, robot.pack.voltage, place);
@@ -172,7 +162,7 @@ FUNCTION void write_robot(const Buffers& buffers, Place place, const Robot& robo
 #ifdef WAIST
     write(buffers.qpos, NQ, WAIST_QPOS, robot.q[0], place);
     write(buffers.qvel, NV, WAIST_QVEL, robot.qd[0], place);
-    write_joint(buffers, WAIST_JOINT, place, robot.joint, robot.driven, robot.control);
+    write_joint(buffers, WAIST_JOINT, place, robot.joint, waist_drive());
 #endif
   }
 }
@@ -256,26 +246,24 @@ FUNCTION number drawn_at(const Robot& robot, Place place, number voltage) {
     const Leg& leg = robot.legs[i];
     drawn[i] = splat(S(0));
     UNROLL for (int k = 0; k < DRIVES; k++)
-      drawn[i] = drawn[i] + drawn_by(leg_drive(k, leg.constants), robot.supplied, leg.control[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]], voltage);
+      drawn[i] = drawn[i] + drawn_by(leg_drive(k, leg.constants), robot.supplied, leg.joints[k].control, leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]], voltage);
   }
 #ifdef WAIST
-  return over_legs(drawn) + drawn_by(waist_drive(), robot.supplied, robot.control, robot.q[0], robot.qd[0], voltage);
+  return over_legs(drawn) + drawn_by(waist_drive(), robot.supplied, robot.joint.control, robot.q[0], robot.qd[0], voltage);
 #else
   return over_legs(drawn);
 #endif
 }
 #endif
 
-// The motor loop's turn, once in BIN substeps; targets change when the delay is over
-FUNCTION void turn_motor_loop(Robot& robot, Place place, int index) {
-  const number now = splat(S(index));
+FUNCTION void aim(Control& control, number delay, int index) {  // targets change when the delay is over
+  control.now = if_greater(delay, splat(S(index)), control.previous, control.target);
+}
+FUNCTION void turn_motor_loop(Robot& robot, Place place, int index) {  // once in BIN substeps
   UNROLL for (int i = 0; i < LEGS_HERE; i++)
-    UNROLL for (int k = 0; k < DRIVES; k++) {
-      Control& control = robot.legs[i].control[k];
-      control.now = if_greater(robot.delay, now, control.previous, control.target);
-    }
+    UNROLL for (int k = 0; k < DRIVES; k++) aim(robot.legs[i].joints[k].control, robot.delay, index);
 #ifdef WAIST
-  robot.control.now = if_greater(robot.delay, now, robot.control.previous, robot.control.target);
+  aim(robot.joint.control, robot.delay, index);
 #endif
 #ifdef BATTERY
   robot.pack.voltage = shared_voltage(robot.pack, [&](number voltage) { return drawn_at(robot, place, voltage); });
@@ -285,33 +273,42 @@ FUNCTION void turn_motor_loop(Robot& robot, Place place, int index) {
   UNROLL for (int i = 0; i < LEGS_HERE; i++)
     UNROLL for (int k = 0; k < DRIVES; k++) {
       Leg& leg = robot.legs[i];
-      leg.driven[k] = drive_joint(leg_drive(k, leg.constants), robot.supplied, leg.control[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]]);
+      Joint& joint = leg.joints[k];
+      joint.driven = drive_joint(leg_drive(k, leg.constants), robot.supplied, joint.control, leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]]);
     }
 #ifdef WAIST
-  robot.driven = drive_joint(waist_drive(), robot.supplied, robot.control, robot.q[0], robot.qd[0]);
+  robot.joint.driven = drive_joint(waist_drive(), robot.supplied, robot.joint.control, robot.q[0], robot.qd[0]);
 #endif
+}
+
+FUNCTION number torque_of(Joint& joint, const Drive& drive, const Supplied& supplied, number q, number qd) {
+  number depth;
+  joint.control.temperature = warmed(joint.control.temperature, joint.driven.loss);
+  const number torque = joint.driven.delivered + passive_torque(drive, supplied, q, qd, depth);
+  joint.watch.depth = larger(joint.watch.depth, depth);
+  return torque;
 }
 
 // Each millisecond: what one motor feeds back another one uses, but a surplus of all is lost, as in the audit
 FUNCTION void end_window(Robot& robot, Place place) {
   number drawn[LEGS_HERE];
   UNROLL for (int i = 0; i < LEGS_HERE; i++) {
-    Leg& leg = robot.legs[i];
+    end_foot_window(robot.legs[i].watch);
     drawn[i] = splat(S(0));
-    UNROLL for (int k = 0; k < DRIVES; k++) drawn[i] = drawn[i] + end_joint_window(leg.joint[k], leg_drive(k, leg.constants));
+    UNROLL for (int k = 0; k < DRIVES; k++) drawn[i] = drawn[i] + end_joint_window(robot.legs[i].joints[k].watch);
   }
   number bus = over_legs(drawn);
 #ifdef WAIST
-  bus = bus + end_joint_window(robot.joint, waist_drive());
+  bus = bus + end_joint_window(robot.joint.watch);
 #endif
-  robot.power = robot.power + larger(bus, splat(S(0))) * S(1.0 / SUBSTEPS);
+  robot.power = robot.power + larger(bus, splat(S(0)));
 }
 
 FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& robot, number* acceleration) {
   const number step = robot.step, half = step * S(0.5);
-  const number share = splat(S(1.0 / SUBSTEPS));
+  const bool first = index % BIN == 0;
   number m[9], parts[LEGS_HERE][27], sum[27], start[6];
-  if (index % BIN == 0) turn_motor_loop(robot, place, index);
+  if (first) turn_motor_loop(robot, place, index);
   rotation(robot.trunk.quaternion, m);
   const Carrier front = carrier_of(robot.trunk, robot.mass, m), rear = rear_carrier(front, robot);
   sense(robot, front, rear, place);
@@ -320,10 +317,8 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     const int l = leg_number(i, place);
     Leg& leg = robot.legs[i];
     UNROLL for (int k = 0; k < DRIVES; k++) {
-      const Drive drive = leg_drive(k, leg.constants);
       const int link = DRIVE_LINK[k];
-      leg.control[k].temperature = warmed(leg.control[k].temperature, leg.driven[k].loss);
-      leg.tau[link] = leg.driven[k].delivered + passive_torque(drive, robot.supplied, leg.q[link], leg.qd[link], leg.depth[k]);
+      leg.tau[link] = torque_of(leg.joints[k], leg_drive(k, leg.constants), robot.supplied, leg.q[link], leg.qd[link]);
     }
 #ifdef GIVEN_TORQUE
     UNROLL for (int k = 0; k < LINKS; k++) leg.tau[k] = read(buffers.given_torque, NV, QVEL[l * LINKS + k], place);
@@ -335,8 +330,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
 #ifdef WAIST
   number rear_sum[27], through[27], qdd_waist[1], rear_start[6];
   sum_pairs(parts, sum, rear_sum, place);
-  robot.control.temperature = warmed(robot.control.temperature, robot.driven.loss);
-  robot.tau[0] = robot.driven.delivered + passive_torque(waist_drive(), robot.supplied, robot.q[0], robot.qd[0], robot.depth);
+  robot.tau[0] = torque_of(robot.joint, waist_drive(), robot.supplied, robot.q[0], robot.qd[0]);
 #ifdef GIVEN_TORQUE
   robot.tau[0] = read(buffers.given_torque, NV, WAIST_QVEL, place);
 #endif
@@ -364,11 +358,9 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     }
     leg_accelerate(carrier_of_leg(front, rear, l), from, leg.constants, leg.kept, qdd, contact);
     settle(leg.touch, robot.pad, leg.foot + 1, contact, step, leg.bristle);
-    UNROLL for (int k = 0; k < 3; k++) leg.force[k] = leg.touch.force[k];
     UNROLL for (int k = 0; k < DRIVES; k++)
-      watch_joint(leg.joint[k], leg_drive(k, leg.constants), leg.driven[k], leg.depth[k], leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], step, share);
-    watch_foot(leg.watch, leg.touch.force[2], leg.touch.depth, step, share, robot.stride, robot.stance);
-    if (index % BIN == BIN - 1) end_foot_window(leg.watch, robot.inverse_weight);
+      watch_joint(leg.joints[k].watch, leg_drive(k, leg.constants), leg.joints[k].driven, leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], step, first);
+    watch_foot(leg.watch, leg.touch.force[2], leg.touch.depth, step, robot.stride, robot.stance, first);
     UNROLL for (int k = 0; k < LINKS; k++) {
 #ifdef GIVEN_TORQUE
       write(buffers.qacc, NV, QVEL[l * LINKS + k], qdd[k], place);
@@ -378,7 +370,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     }
   }
 #ifdef WAIST
-  watch_joint(robot.joint, waist_drive(), robot.driven, robot.depth, robot.qd[0], qdd_waist[0], step, share);
+  watch_joint(robot.joint.watch, waist_drive(), robot.joint.driven, robot.qd[0], qdd_waist[0], step, first);
 #ifdef GIVEN_TORQUE
   if (first_leg(place)) write(buffers.qacc, NV, WAIST_QVEL, qdd_waist[0], place);
 #endif
