@@ -104,7 +104,7 @@ def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, cap
         text = text.replace(full, tiny)
     (tmp_path / "script.py").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    runpy.run_path("script.py", run_name="__main__")
+    runpy.run_path(str(tmp_path / "script.py"), run_name="__main__")
     assert "policy policy, command up to 1 m/s" in capsys.readouterr().out
     assert (tmp_path / "runs/quickstart-race/report.html").is_file()
 
