@@ -28,7 +28,7 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
         robot: that was trained: name, folder or table.
 
     Raises:
-        SprintlabError: the log cannot be read, or the simulation failed.
+        SprintlabError: the log cannot be read.
     """
     from sprintlab.evaluation.reached import reached_speed
     from sprintlab.robots import load_robot
@@ -36,8 +36,10 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
     policy, speed = folder / "policy.onnx", asked_speed(read_rows(folder / "log.jsonl", _LOG_LIMIT))
     try:
         found = reached_speed(policy, load_robot(robot), speed)
-    except SimulationError:
-        raise
+    except SimulationError as error:
+        yield f"the trials in the plant failed: {error}"
+        yield f"next: sprintlab race {shlex.quote(str(policy))}"
+        return
     except SprintlabError as error:
         yield str(error)
         yield f"next: sprintlab train --resume --output {shlex.quote(str(folder))}"

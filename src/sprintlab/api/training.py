@@ -25,6 +25,7 @@ from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable, check_writable_file
+from sprintlab.core.garbage import suspended_garbage_collection
 from sprintlab.core.reading import read_rows, refused_as_damaged
 
 if TYPE_CHECKING:
@@ -242,7 +243,8 @@ def train(
         shown = [settings_toml(full).rstrip()]
         return Training(numbers=to_plain(full), shown=shown, draw=_no_curves, folder=folder)
     check_places(options)  # before PyTorch is imported, which takes many seconds
-    from sprintlab.training.runs.run import train as run
+    with suspended_garbage_collection():
+        from sprintlab.training.runs.run import train as run
 
     run(options)
     return _training_in(folder, chosen.robot)

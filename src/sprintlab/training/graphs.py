@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 import torch
 
 from sprintlab.core.extras import keep_compiled_code_private
+from sprintlab.core.garbage import suspended_garbage_collection
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -23,18 +22,6 @@ kernel, which made 86 kernels of the step after physics where 40 do."""
 VERSIONS = 256
 """Compiled functions that the compiler keeps under one name. Eight are its default, and every method under
 ``torch.no_grad`` counts as the same one: a second run in a process would be refused."""
-
-
-@contextmanager
-def suspended_garbage_collection() -> Iterator[None]:
-    """Keep the collector from destroying old graphs inside a capture, which would corrupt the new one."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Arguments, Result]:

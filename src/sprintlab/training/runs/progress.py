@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ class Board:
 
         image = Summary.Image(colorspace=3, encoded_image_string=clip.read_bytes())
         summary = Summary(value=[Summary.Value(tag="exam/clip", image=image)])
-        self._writer.file_writer.add_summary(summary, int(clip.stem))
+        self._writer._get_file_writer().add_summary(summary, int(clip.stem))
 
     def close(self) -> None:
         """Write out what is buffered; a disk that refuses curves hides no other message."""
@@ -116,12 +116,10 @@ def preparing(quiet: bool) -> Generator[None]:
     """Say on stderr that kernels are being compiled, instead of one line of Warp's for each of them."""
     console = Console(stderr=True, highlight=False, quiet=quiet)
     text = "preparing: kernels are compiled, once a machine (up to two minutes)"
-    if not console.is_terminal:
-        console.print(text, soft_wrap=True)
+    began = time.monotonic()
+    with console.status(text) if console.is_terminal else nullcontext(console.print(text, soft_wrap=True)):
         yield
-        return
-    with console.status(text):
-        yield
+    console.print(f"prepared in {time.monotonic() - began:.1f} s")
 
 
 @contextmanager

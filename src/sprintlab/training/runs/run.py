@@ -19,6 +19,7 @@ from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.garbage import suspended_garbage_collection
 from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
@@ -76,7 +77,7 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
             _remove_halves(options.output)
         if restartable:
             options = replace(options, resume=checkpoint.exists())
-        with preparing(quiet=not workers.leads):
+        with preparing(quiet=not workers.leads), suspended_garbage_collection():
             runner = open_run(options, workers, typed)
         try:
             if workers.leads:
