@@ -1,7 +1,6 @@
 """The converter of other people's benches, on small made-up files of the same layout."""
 
 import dataclasses
-import hashlib
 import subprocess
 
 import numpy as np
@@ -133,21 +132,6 @@ def test_text_among_the_numbers_is_refused():
         fetch.d5065_tables("\n".join(ODRIVE.splitlines()[:3]), "points")
 
 
-@pytest.fixture
-def source(monkeypatch):
-    """The ODrive source with the hash of the made-up file."""
-    digest = hashlib.sha256(ODRIVE.encode()).hexdigest()
-    made_up = dataclasses.replace(fetch.SOURCES["d5065"], folder="data", files={"points": ("a.csv", digest)})
-    monkeypatch.setitem(fetch.SOURCES, "d5065", made_up)
-    return made_up
-
-
-def tree(folder, text=ODRIVE):
-    (folder / "data").mkdir(parents=True)
-    (folder / "data" / "a.csv").write_bytes(text.encode())
-    return folder
-
-
 def git(folder, *arguments):
     identity = ("-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "core.autocrlf=false")
     run = subprocess.run(
@@ -156,49 +140,23 @@ def git(folder, *arguments):
     return run.stdout.strip()
 
 
-def test_a_folder_is_read(tmp_path, source):
-    out = tmp_path / "out"
-    assert fetch.main(["d5065", str(tree(tmp_path / "source")), "--output", str(out)]) == 0
-    bench = load_bench(out / "d5065-points.csv")
-    assert bench.size == 2 and bench.torque[0] == pytest.approx(-1.093)
-    assert source.repository in (out / "d5065-points.csv").read_text(encoding="utf-8").splitlines()[0]
-
-
-def test_a_clone_is_read_at_the_commit_of_the_results(tmp_path, source, monkeypatch):
+def test_a_clone_is_read_at_the_commit_of_the_results(tmp_path, monkeypatch, capsys):
     """Whatever is checked out: the file may have left the repository since."""
-    clone = tree(tmp_path / "clone")
+    clone, out = tmp_path / "clone", tmp_path / "out"
+    (clone / "data").mkdir(parents=True)
+    (clone / "data" / "a.csv").write_bytes(ODRIVE.encode())
     git(clone, "init", "-q")
     git(clone, "add", ".")
     git(clone, "commit", "-qm", "data")
     commit = git(clone, "rev-parse", "HEAD")
     git(clone, "rm", "-q", "data/a.csv")
     git(clone, "commit", "-qm", "gone")
-    monkeypatch.setitem(fetch.SOURCES, "d5065", dataclasses.replace(source, commit=commit))
-    assert fetch.main(["d5065", str(clone), "--output", str(tmp_path / "out")]) == 0
-    assert load_bench(tmp_path / "out" / "d5065-points.csv").size == 2
-
-
-def test_what_is_no_folder_for_the_benches_is_refused(tmp_path, source, capsys):
-    (tmp_path / "out").touch()
-    assert fetch.main(["d5065", str(tmp_path), "--output", str(tmp_path / "out")]) == fetch.REFUSED
-    assert "File exists" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("damage", "words"),
-    [
-        ("other bytes", "SHA-256"),
-        ("no file", "does not have data/a.csv"),
-        ("nothing", "does not have data/a.csv: clone"),
-    ],
-)
-def test_other_data_are_refused_in_one_sentence(tmp_path, source, capsys, damage, words):
-    place = tmp_path / "place"
-    if damage == "other bytes":
-        tree(place, ODRIVE.replace("-1093.0", "-1094.0"))
-    elif damage == "no file":
-        place.mkdir()
-    assert fetch.main(["d5065", str(place), "--output", str(tmp_path / "out")]) == fetch.REFUSED
-    error = capsys.readouterr().err
-    assert words in error and len(error.splitlines()) == 1
-    assert not list((tmp_path / "out").glob("*.csv"))
+    made_up = {"folder": "data", "files": {"points": "a.csv"}, "commit": commit}
+    source = dataclasses.replace(fetch.SOURCES["d5065"], **made_up)
+    monkeypatch.setitem(fetch.SOURCES, "d5065", source)
+    assert fetch.main(["d5065", str(clone), "--output", str(out)]) == 0
+    bench = load_bench(out / "d5065-points.csv")
+    assert bench.size == 2 and bench.torque[0] == pytest.approx(-1.093)
+    assert source.repository in (out / "d5065-points.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert fetch.main(["d5065", str(tmp_path), "--output", str(out)]) == fetch.REFUSED
+    assert "does not have data/a.csv: clone" in capsys.readouterr().err
