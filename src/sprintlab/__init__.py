@@ -3,7 +3,7 @@
     import sprintlab as sl
 
     if __name__ == "__main__":
-        run = sl.train(sl.method("sprint", environments=4096), output="runs/mine")
+        run = sl.train(sl.method("acs", environments=4096), output="runs/mine")
         race = sl.race(run.policy)
         print(race)
         race.report("runs/mine-race")

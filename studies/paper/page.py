@@ -23,7 +23,7 @@ PRESET_NAMES = {"sprintlab": "our reward", "paper": "the paper's reward"}
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """One claim of the paper: ``sprint`` is faster than a method that lacks one part of it.
+    """One claim of the paper: ``acs`` is faster than a method that lacks one part of it.
 
     Attributes:
         question: as the page asks it.
@@ -95,11 +95,11 @@ def _place(order: Sequence[str], name: str) -> tuple[int, str]:
 
 
 def verdict(gain: Interval, faster: Interval) -> str:
-    """What the seeds say of ``sprint`` against another method.
+    """What the seeds say of ``acs`` against another method.
 
     Args:
         gain: difference of the interquartile means [m/s].
-        faster: probability that a seed of ``sprint`` is the faster one.
+        faster: probability that a seed of ``acs`` is the faster one.
     """
     if not math.isfinite(gain.low) or not math.isfinite(faster.low):
         return "open"
@@ -138,7 +138,7 @@ def page_text(runs: Runs, figure: str) -> str:
 
 _NOTE = """Speeds in m/s, raw command. *Running*: the most that is held where nine of ten trials stay upright.
 *Stopping*: the most that is held up to the first command from which fewer than nine of ten come to rest.
-Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `sprint`), 100 m and
+Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `acs`), 100 m and
 audit: at the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
 not speeds."""
 _REPEAT = """```sh
@@ -192,12 +192,12 @@ def _verdicts(runs: Runs) -> list[tuple[str, ...]]:
 def verdict_table(runs: Runs) -> str:
     """One row per claim and reward table."""
     head = (
-        "`sprint` is faster than",
+        "`acs` is faster than",
         "with",
-        "`sprint` [m/s]",
+        "`acs` [m/s]",
         "the other [m/s]",
         "difference",
-        "a seed of `sprint` is the faster",
+        "a seed of `acs` is the faster",
         "seeds",
         "verdict",
     )
@@ -212,7 +212,7 @@ def _answer(runs: Runs, claim: Claim) -> str:
     found = verdict(difference(ours, theirs), improvement(ours, theirs))
     ours_text, theirs_text = (f"{interquartile_mean(each).center:.1f}" for each in (ours, theirs))
     held = (
-        f"With our reward `sprint` holds {ours_text} m/s and `{claim.other}` {theirs_text} m/s "
+        f"With our reward `acs` holds {ours_text} m/s and `{claim.other}` {theirs_text} m/s "
         f"(interquartile means of {len(ours)} and {len(theirs)} seeds)."
     )
     literal = _literal(runs, claim)
@@ -283,7 +283,7 @@ def reported_table(runs: Runs) -> str:
     ours = _speeds(runs, "sprintlab", REFERENCE_METHOD)
     if ours:
         rows.append(
-            ("surrogate of BP2, `sprint`", interquartile_mean(ours).text(1), "-", "ours, simulated only")
+            ("surrogate of BP2, `acs`", interquartile_mean(ours).text(1), "-", "ours, simulated only")
         )
     return markdown_table(("robot", "simulation [m/s]", "outdoors [m/s]", ""), rows)
 

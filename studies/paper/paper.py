@@ -60,7 +60,7 @@ PAPER_TABLE = {
         max_velocity=11.0,
         normalized_cost=1.452,
     ),
-    "sprint": PaperRow(
+    "acs": PaperRow(
         label="Ours (the paper's)",
         actuator="refined",
         commands="adaptive",
@@ -80,5 +80,5 @@ REPORTED = (
 )
 """The paper's Table III, as reported there: robot, speed in simulation and outdoors [m/s]."""
 
-REFERENCE_METHOD = "sprint"
+REFERENCE_METHOD = "acs"
 """The method whose J is 1."""

@@ -19,7 +19,7 @@ PRESETS = ("sprintlab", "paper")
 SEEDS, SEEDS_OF_OTHERS = 10, 5
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
 OTHERS = ("rlvrl", "lp-acrl", "hound", "spot-battery", "flux-weakening")
-"""Methods of other papers that differ from ``sprint`` by a schedule or a switch."""
+"""Methods of other papers that differ from ``acs`` by a schedule or a switch."""
 
 
 @dataclass(frozen=True, kw_only=True)

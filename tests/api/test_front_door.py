@@ -88,7 +88,7 @@ def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path,
 
 SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
-    '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
+    '"acs", environments=4096': '"acs", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
     "iterations=1600, minutes=20.0": 'iterations=2, device="cpu"',
     "trials=10": "trials=1, top_speed=1.0, distance=0.05, workers=1",
 }

@@ -37,14 +37,14 @@ def test_a_method_is_changed_by_dotted_names():
     settings = sl.method("baseline", {"ppo.steps": 16}, robot="go1", environments=64)
     assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
     assert settings.simulation.environments == 64
-    with pytest.raises(sl.SprintlabError, match="sprint"):
+    with pytest.raises(sl.SprintlabError, match="acs"):
         sl.method("sprnt")
     with pytest.raises(sl.SprintlabError, match=r"ppo\.stepz.*did you mean ppo\.steps"):
-        sl.method("sprint", {"ppo.stepz": 16})
+        sl.method("acs", {"ppo.stepz": 16})
 
 
 def test_settings_made_in_python_are_trained_as_they_are(tmp_path):
-    made = sl.method("sprint", {"ppo.steps": 16}, seed=5)
+    made = sl.method("acs", {"ppo.steps": 16}, seed=5)
     found = sl.train(made, dry_run=True)
     assert found.to_dict()["ppo"]["steps"] == 16 and found.to_dict()["seed"] == 5
     assert "steps = 16" in settings_toml(made)
@@ -70,9 +70,9 @@ def test_a_sweep_trains_all_methods_and_combinations(call, tmp_path):
     rows = listed(call, tmp_path, "--seeds", 2)
     assert len(rows) == 12 and rows[0]["folder"] == str(tmp_path / "baseline" / "seed-0")
     assert not tmp_path.joinpath("baseline").exists()
-    options = ("--methods", "sprint", "--seeds", 1, "--vary", "ppo.steps=8,16", "--vary", "ppo.epochs=3,5")
+    options = ("--methods", "acs", "--seeds", 1, "--vary", "ppo.steps=8,16", "--vary", "ppo.epochs=3,5")
     rows = listed(call, tmp_path, *options, "--set", "ppo.discount=0.98")
-    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 sprint 0"
+    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 acs 0"
     assert len({row["hash"] for row in rows}) == 4
 
 
@@ -82,11 +82,11 @@ def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     from sprintlab.training.runs.sweep_plan import plan_sweep
 
     limits = {"minutes": 7.0, "iterations": 30_000, "environments": 32768, "save_seconds": 60.0}
-    for plan in plan_sweep(tmp_path, ("sprint",), (0,), {}, {}, device="auto", **limits):
+    for plan in plan_sweep(tmp_path, ("acs",), (0,), {}, {}, device="auto", **limits):
         atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
         row = {"iteration": 9, "seconds": 60.0, "steps_per_second": 5, "speed_p999": 3.25, "falls": 0.002}
         (plan.folder / "log.jsonl").write_text(json.dumps(row) + "\n")
-    options = (tmp_path, "--methods", "sprint", "--seeds", 1)
+    options = (tmp_path, "--methods", "acs", "--seeds", 1)
     assert listed(call, *options)[0]["done"] is True
     table = call("sweep", *options)
     assert table.status == 0

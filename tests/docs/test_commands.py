@@ -93,7 +93,7 @@ def workplace(tmp_path_factory):
     plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
     arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
     (folder / "runs" / "sprint-0").mkdir(parents=True)
-    (folder / "runs" / "sprint-0" / "run.toml").write_text('method = "sprint"\n', encoding="utf-8")
+    (folder / "runs" / "sprint-0" / "run.toml").write_text('method = "acs"\n', encoding="utf-8")
     (folder / "examples").symlink_to(GO1.parent)
     import_robot(GO1 / "go1.xml", go1_choices(), folder / "robots")
     for name in named_runs():
@@ -170,7 +170,7 @@ def check_training(given):
     from sprintlab.training.methods import method
     from sprintlab.training.settings_text import with_changes
 
-    base = method(given["method"] or "sprint", robot=given["robot"] or "bp2", preset=given["preset"])
+    base = method(given["method"] or "acs", robot=given["robot"] or "bp2", preset=given["preset"])
     with_changes(base, given["set"])
 
 

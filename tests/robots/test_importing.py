@@ -187,7 +187,7 @@ def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message
 
 def test_the_training_settings_of_an_imported_robot_are_scaled(tmp_path):
     made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
-    settings = method("sprint", robot=str(made.folder))
+    settings = method("acs", robot=str(made.folder))
     assert robot_fingerprint(load_robot(settings.robot)) == robot_fingerprint(made.robot)
     assert settings.stages.first_top == pytest.approx(4.934, abs=1e-3)
     assert settings.episodes.knee_clearance == pytest.approx(0.0338, abs=1e-4)

@@ -18,7 +18,7 @@ def command(speed, *, upright=10, completed=10, held=None):
     return Command(speed=speed, trials=10, upright=upright, completed=completed, held=held)
 
 
-def run(method="sprint", seed=0, commands=(), preset="sprintlab"):
+def run(method="acs", seed=0, commands=(), preset="sprintlab"):
     return Run(
         method=method, preset=preset, seed=seed, motor_model="refined", command_line="", environment_steps=0,
         policy_sha256="", robot_fingerprint="", date="2026-11-28", versions={}, commands=tuple(commands),
@@ -58,7 +58,7 @@ def test_a_verdict_needs_its_interval(gain, faster, expected):
 
 def test_every_claim_of_the_page_follows_from_the_records():
     seeds = range(10)
-    runs = [run("sprint", seed, [command(12.0 + 0.01 * seed)]) for seed in seeds]
+    runs = [run("acs", seed, [command(12.0 + 0.01 * seed)]) for seed in seeds]
     runs += [run("simplified-dc", seed, [command(11.0 + 0.01 * seed)]) for seed in seeds]
     text = page_text(grouped(runs), "figures/study.png")
     assert f"**{CLAIMS[0].question}** Confirmed." in text and "| 1.0 [1.0, 1.0] |" in text
@@ -75,7 +75,7 @@ def test_the_committed_page_is_written_from_the_committed_records(tmp_path):
 
 def test_the_plan_has_ten_seeds_of_the_six_methods_with_both_rewards():
     trainings = study_trainings()
-    assert sum(each.method == "sprint" for each in trainings) == 20 and len(set(trainings)) == len(trainings)
+    assert sum(each.method == "acs" for each in trainings) == 20 and len(set(trainings)) == len(trainings)
 
 
 def test_a_run_that_has_its_record_is_not_missing(capsys, tmp_path):
@@ -97,7 +97,7 @@ def test_a_damaged_record_is_refused(tmp_path):
 
 @pytest.mark.usefixtures("short_trials")
 def test_a_policy_gets_its_record_once(policy, tmp_path, monkeypatch):
-    folder = tmp_path / "runs" / "sprintlab" / "sprint" / "seed-4"
+    folder = tmp_path / "runs" / "sprintlab" / "acs" / "seed-4"
     folder.mkdir(parents=True)
     shutil.copy(policy, folder / "policy.onnx")
     words = ["evaluate", str(tmp_path / "runs"), "--results", str(tmp_path / "results"), "--workers", "1"]

@@ -32,7 +32,7 @@ def state(settings: TrainingSettings | None = None) -> dict:
     return {
         "settings": settings,
         "config_hash": settings.digest(),
-        "command_line": "sprintlab train sprint",
+        "command_line": "sprintlab train bp2",
         "device": "CPU",
         "versions": {"torch": "2"},
         "date": "2026-01-01",

@@ -56,7 +56,7 @@ def base(name: str) -> TrainingSettings:
 
 @pytest.mark.parametrize("name", COMPARATORS)
 def test_nothing_but_its_switches_sets_a_method_apart_from_sprint(name: str) -> None:
-    ours, theirs = (vars(method_settings(each, base(name))) for each in ("sprint", name))
+    ours, theirs = (vars(method_settings(each, base(name))) for each in ("acs", name))
     assert {field for field in ours if ours[field] != theirs[field]} - {"method"} == SWITCHES[name]
     assert COMPARATORS[name].source
 

@@ -40,7 +40,7 @@ def short_replay() -> None:
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of a policy that has not learned anything yet."""
-    runner = Runner(SETTINGS, "cpu", "sprintlab train --method sprint")
+    runner = Runner(SETTINGS, "cpu", "sprintlab train --method acs")
     path = tmp_path_factory.mktemp("training") / "model.pt"
     runner.save(path)
     return path

@@ -24,17 +24,17 @@ def changed(name: str, other: str) -> set[str]:
 
 def test_there_are_six() -> None:
     assert set(METHODS) == {
-        "baseline", "no-envelope", "simplified-dc", "fixed-acceleration", "uniform-commands", "sprint",
+        "baseline", "no-envelope", "simplified-dc", "fixed-acceleration", "uniform-commands", "acs",
     }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("name", "other", "switch"),
     [
-        ("no-envelope", "sprint", "actuator_model"),
-        ("simplified-dc", "sprint", "actuator_model"),
-        ("fixed-acceleration", "sprint", "schedule"),
-        ("uniform-commands", "sprint", "schedule"),
+        ("no-envelope", "acs", "actuator_model"),
+        ("simplified-dc", "acs", "actuator_model"),
+        ("fixed-acceleration", "acs", "schedule"),
+        ("uniform-commands", "acs", "schedule"),
         ("baseline", "no-envelope", "schedule"),
         ("baseline", "uniform-commands", "actuator_model"),
     ],
@@ -55,7 +55,7 @@ def test_every_method_has_its_own_digest() -> None:
 
 
 def test_an_unknown_method_is_refused_by_name() -> None:
-    with pytest.raises(InvalidValueError, match=r"gallop.*sprint"):
+    with pytest.raises(InvalidValueError, match=r"gallop.*acs"):
         method_settings("gallop")
 
 

@@ -34,7 +34,7 @@ SETTINGS = TrainingSettings(
 @pytest.fixture(scope="module")
 def runner() -> Runner:
     """Two iterations, then a curriculum that no fresh run has."""
-    runner = Runner(SETTINGS, "cpu", "sprintlab train --method sprint")
+    runner = Runner(SETTINGS, "cpu", "sprintlab train --method acs")
     runner.iterate()
     runner.iterate()
     runner.growth.upper = 3.7
@@ -131,7 +131,7 @@ def test_milestones_are_policies_on_the_way(tmp_path: Path) -> None:
         keep_milestone(runner, options, before)
         assert sorted(path.name for path in kept.glob("*")) == expected
     exported = export_checkpoint(kept / "0002.pt", tmp_path / "policy.onnx")
-    assert load_policy(exported.path, load_robot("bp2")).contract.training.method == "sprint"
+    assert load_policy(exported.path, load_robot("bp2")).contract.training.method == "acs"
     with pytest.raises(SprintlabError, match="holds a policy only"):
         runner.load(read_checkpoint(kept / "0002.pt"))
 

@@ -39,7 +39,7 @@ LIMITS = {"iterations": 3, "minutes": 5.0, "environments": 8, "device": "cpu", "
 TINY = {"ppo.steps": 2, "ppo.epochs": 1, "ppo.mini_batches": 2, "ppo.hidden": [16]}
 
 
-def plans(folder: Path, methods=("sprint",), seeds=(0, 1), varied=None, **changes) -> list[RunPlan]:
+def plans(folder: Path, methods=("acs",), seeds=(0, 1), varied=None, **changes) -> list[RunPlan]:
     return plan_sweep(folder, methods, seeds, TINY, varied or {}, **(LIMITS | changes))
 
 
@@ -48,9 +48,9 @@ def plans(folder: Path, methods=("sprint",), seeds=(0, 1), varied=None, **change
 
 def test_every_combination_has_a_folder_and_settings_of_its_own(tmp_path: Path) -> None:
     varied = {"ppo.discount": [0.98, 0.99], "ppo.hidden": [[16], [32, 16]]}
-    made = plans(tmp_path, ("sprint", "baseline"), varied=varied)
+    made = plans(tmp_path, ("acs", "baseline"), varied=varied)
     assert len(made) == 16 == len({plan.folder for plan in made}) == len({plan.digest() for plan in made})
-    assert made[0].folder == tmp_path / "ppo.discount=0.98,ppo.hidden=[16]" / "sprint" / "seed-0"
+    assert made[0].folder == tmp_path / "ppo.discount=0.98,ppo.hidden=[16]" / "acs" / "seed-0"
     assert made[-1].settings().ppo.hidden == (32, 16)
     assert made[-1].settings().ppo.steps == 2
 
@@ -78,18 +78,18 @@ def test_assignments_are_read_as_numbers_lists_and_words() -> None:
     ],
 )
 def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: dict[str, Any]) -> None:
-    (plan,) = plan_sweep(tmp_path, ("sprint",), (3,), TINY | overrides, {}, **LIMITS)
+    (plan,) = plan_sweep(tmp_path, ("acs",), (3,), TINY | overrides, {}, **LIMITS)
     words = shlex.split(plan.command_line())
-    assert words[:5] == ["sprintlab", "train", "bp2", "--method", "sprint"]
+    assert words[:5] == ["sprintlab", "train", "bp2", "--method", "acs"]
     changes = [words[place + 1] for place, word in enumerate(words) if word == "--set"]
-    again = TrainOptions(settings=with_changes(method("sprint", seed=3), changes), device="cpu")
+    again = TrainOptions(settings=with_changes(method("acs", seed=3), changes), device="cpu")
     assert again.full_settings().digest() == plan.digest()
 
 
 def test_a_schedule_is_the_methods_own_but_for_what_is_set(tmp_path: Path) -> None:
     varied = {"schedule.window": [0.8, 2.0], "actuator_model": ["square"]}
     made = [plan.options().full_settings() for plan in plans(tmp_path, seeds=(0,), varied=varied)]
-    own = method_settings("sprint").schedule
+    own = method_settings("acs").schedule
     assert [settings.schedule for settings in made] == [replace(own, window=window) for window in (0.8, 2.0)]
     assert {settings.actuator_model for settings in made} == {"square"}
     with pytest.raises(InvalidValueError, match=r"schedule\.window = 0\.8 is not allowed: there is no such"):
@@ -101,8 +101,8 @@ def test_a_folder_with_other_settings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SprintlabError, match="other settings"):
         plans(tmp_path, environments=16)[0].begin()
     plans(tmp_path, iterations=9)[0].begin()  # longer is the same run
-    (tmp_path / "sprint" / "seed-1").mkdir(parents=True)
-    (tmp_path / "sprint" / "seed-1" / "checkpoint.pt").write_bytes(b"someone's")
+    (tmp_path / "acs" / "seed-1").mkdir(parents=True)
+    (tmp_path / "acs" / "seed-1" / "checkpoint.pt").write_bytes(b"someone's")
     with pytest.raises(SprintlabError, match="checkpoint of another run"):
         plans(tmp_path)[1].begin()
 
@@ -215,7 +215,7 @@ def test_a_lost_worker_is_replaced_and_finished_runs_are_skipped(tmp_path: Path)
 
 def test_a_run_that_fails_again_and_again_is_reported_and_the_rest_goes_on(tmp_path: Path) -> None:
     sweep = Sweep(plans(tmp_path), FakeCluster(losses={0: 99}), retries=1)
-    with pytest.raises(SprintlabError, match=r"1 of 2 runs failed: sprint 0: OutOfMemoryError: no room"):
+    with pytest.raises(SprintlabError, match=r"1 of 2 runs failed: acs 0: OutOfMemoryError: no room"):
         sweep.run(lambda runs: None, pause=0.0)
     assert [run.state for run in sweep.runs] == ["failed", "finished"]
     assert [row["state"] for row in summary(sweep.runs)] == ["failed", "finished"]
@@ -328,10 +328,10 @@ def test_what_a_stranger_left_for_a_job_is_not_touched(slurm: Path, tmp_path: Pa
     assert all((jobs / name).is_symlink() for name in ("17_submitted.pkl", "17_0_log.err"))
 
 
-@pytest.mark.parametrize("place", ["ppo.steps=2", "ppo.steps=2/sprint", "ppo.steps=2/sprint/seed-0"])
+@pytest.mark.parametrize("place", ["ppo.steps=2", "ppo.steps=2/acs", "ppo.steps=2/acs/seed-0"])
 def test_no_run_is_written_through_a_link_that_was_there_before(tmp_path: Path, place: str) -> None:
     """The sweep's own folder may be one."""
-    varied, whole = {"ppo.steps": [2]}, Path("ppo.steps=2/sprint/seed-0")
+    varied, whole = {"ppo.steps": [2]}, Path("ppo.steps=2/acs/seed-0")
     foreign, sweep = tmp_path / "foreign", tmp_path / "sweep"
     precious = foreign / whole.relative_to(place) / "run.json"
     precious.parent.mkdir(parents=True)

@@ -61,7 +61,7 @@ def require_training() -> None:
 
 @checked
 def method(
-    name: str = "sprint",
+    name: str = "acs",
     changes: Mapping[str, Any] | None = None,
     *,
     robot: str | Path = "bp2",
@@ -71,7 +71,7 @@ def method(
     """The settings of a training method, changed where wanted; every choice of a run is a field of them.
 
     Args:
-        name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
+        name: acs, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
         changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
         robot: name, folder or table; lengths, speeds and masses are scaled to it.
         environments: robots side by side.

@@ -60,7 +60,7 @@ METHODS = {
         actuator_model="refined", schedule=FixedAccelerationSchedule(targets=TARGETS)
     ),
     "uniform-commands": Method(actuator_model="refined", schedule=UNIFORM),
-    "sprint": Method(actuator_model="refined", schedule=ACS),
+    "acs": Method(actuator_model="refined", schedule=ACS),
 }
 """The paper's six, in no order."""
 
@@ -176,7 +176,7 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     )
 
 
-DEFAULT_METHOD = "sprint"
+DEFAULT_METHOD = "acs"
 
 
 def method(

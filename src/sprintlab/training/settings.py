@@ -463,7 +463,7 @@ class TrainingSettings:
         InvalidValueError: a value that is not allowed.
     """
 
-    method: str = "sprint"
+    method: str = "acs"
     robot: str = "bp2"
     actuator_model: MotorModel = "refined"
     schedule: Schedule = ACS
