@@ -16,7 +16,6 @@ from sprintlab.api.clearance import (
 )
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import shipped_policies
-from sprintlab.evaluation.audit import audit_trials
 from sprintlab.robots import load_robot
 
 
@@ -51,31 +50,6 @@ def test_a_fall_is_refused(monkeypatch):
 
 def test_other_items_of_the_audit_break_nothing(monkeypatch):
     judged(monkeypatch, failed=["stance", "foot slip per step"])
-
-
-def test_the_items_are_those_of_the_audit():
-    assert set(HARMFUL) <= {item.name for item in audit_trials([TRIAL]).items}
-
-
-TRIAL = SimpleNamespace(
-    stance_time=0.1,
-    touchdowns_per_stride=1.0,
-    foot_force=2.0,
-    gear_torque_ratio=(1.0,),
-    joint_speed_ratio=(1.0,),
-    line_winding_temperature=30.0,
-    pad_deflection=0.001,
-    smallest_leg_distance=0.1,
-    slip_per_step=0.0,
-    lane_excursion=0.1,
-    final_speed=0.0,
-    stride_frequency=3.3,
-    asked_speed=5.0,
-    feet=("FL",),
-    load_share=(0.25,) * 4,
-    duty_factor=(0.2,) * 4,
-    command_share=1.0,
-)
 
 
 def test_the_highest_speed_that_passes_is_found(monkeypatch):

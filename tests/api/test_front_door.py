@@ -12,12 +12,10 @@ from pathlib import Path
 import pytest
 
 import sprintlab as sl
-from sprintlab.api.evaluations import evaluate
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
 from sprintlab.evaluation.trial import TrialRequest
 
 ROOT = Path(__file__).resolve().parents[2]
-GO1 = ROOT / "examples" / "go1" / "go1.xml"
 HEAVY = ("numpy", "torch", "mujoco", "onnxruntime", "matplotlib", "rich", "msgspec", "scipy", "warp")
 
 
@@ -156,34 +154,21 @@ def test_a_notebook_shows_a_result_once(monkeypatch):
     assert shown == []
 
 
-VALUES = (math.nan, -1, 1.5, b"x", [], {}, 1j)
-
-
-@pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:12])
+@pytest.mark.parametrize("value", (math.nan, b"x", {}, 1j), ids=repr)
 @pytest.mark.parametrize(
-    ("function", "name", "given"),
+    ("function", "name"),
     [
-        (sl.load_policy, "policy", {}), (sl.load_robot, "name", {}), (sl.race, "policy", {}),
-        (sl.race, "robot", {}), (sl.race, "seed", {}), (sl.race, "trials", {}), (sl.race, "workers", {}),
-        (sl.race, "drive", {}), (sl.race, "output", {}), (evaluate, "output", {"policy": "sprint"}),
-        (evaluate, "grid", {"policy": "sprint"}), (sl.turning, "speeds", {"policy": "sprint"}),
-        (sl.lap, "recording", {"policy": "sprint"}), (sl.ground, "trials", {"policy": "sprint"}),
-        (sl.robustness, "cause_trials", {}), (sl.method, "environments", {}), (sl.method, "changes", {}),
-        (sl.replay, "run_folders", {}), (sl.envelope, "source", {}), (sl.envelope, "points", {}),
-        (sl.actuators, "name", {}), (sl.doctor, "folder", {}), (sl.run, "robot", {}), (sl.run, "source", {}),
-        (sl.run, "log", {}), (sl.robot_sim, "bus", {}), (sl.robot_sim, "robot", {}), (sl.train, "robot", {}),
-        (sl.import_robot, "choices", {"source": GO1}), (sl.import_robot, "source", {}),
+        (sl.load_policy, "policy"), (sl.race, "policy"), (sl.race, "seed"), (sl.race, "drive"),
+        (sl.race, "output"), (sl.robustness, "cause_trials"), (sl.method, "environments"),
+        (sl.replay, "run_folders"), (sl.envelope, "source"), (sl.envelope, "points"), (sl.run, "source"),
+        (sl.run, "log"), (sl.robot_sim, "bus"), (sl.train, "robot"), (sl.import_robot, "source"),
     ],
 )  # fmt: skip
-def test_an_argument_of_another_kind_is_told_in_one_sentence(
-    function, name, given, value, tmp_path, monkeypatch
-):
+def test_an_argument_of_another_kind_is_told_in_one_sentence(function, name, value, tmp_path, monkeypatch):
     """As a file of JSON may have it."""
     monkeypatch.chdir(tmp_path)
-    if (name, value) in (("changes", {}), ("run_folders", []), ("grid", 1.5)):
-        return
     with pytest.raises(SprintlabError):
-        function(**{**given, name: value})
+        function(**{name: value})
     assert not list(tmp_path.iterdir())
 
 
@@ -198,6 +183,3 @@ def test_an_argument_of_another_kind_is_told_in_one_sentence(
 def test_a_trial_without_end_is_refused(request_, field):
     with pytest.raises(InvalidValueError, match=f"trial.{field} = "):
         TrialRequest(**request_)
-    if field == "distance":
-        with pytest.raises(InvalidValueError, match="distance = 1e\\+308 is not allowed"):
-            sl.race(distance=1e308)

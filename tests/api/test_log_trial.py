@@ -1,6 +1,5 @@
 """A log as a trial: what is drawn of it, and which logs hold nothing that could be drawn."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
@@ -9,13 +8,11 @@ import pytest
 from tests.deployment.log.test_log import FACTS, tick
 
 import sprintlab as sl
-from sprintlab.api.log_trial import RATE, logged_run
+from sprintlab.api.log_trial import logged_run
 from sprintlab.control import shipped_policy
 from sprintlab.core.errors import UnwrittenError
 from sprintlab.deployment.log import McapRunLog, read_log
 from sprintlab.deployment.log.topics import LogError
-from sprintlab.evaluation.figures import power_figure, rates_figure, torque_speed_figure
-from sprintlab.evaluation.run_report import comparison_figure
 from sprintlab.robots import load_robot
 from sprintlab.robots.loader import robot_table_path
 
@@ -60,52 +57,6 @@ def test_what_cannot_be_drawn_is_refused_in_one_sentence(tmp_path, changes, matc
     with pytest.raises(LogError, match=match) as refusal:
         run_of(tmp_path / "run.mcap", **changes)
     assert "\n" not in str(refusal.value)
-
-
-def longer(run, times):
-    """The same run that many times in a row."""
-    motion = run.trial.trajectory
-    arrays = {name: np.concatenate([values] * times) for name, values in motion.arrays().items()}
-    arrays["time"] = np.arange(len(arrays["time"])) / RATE
-    count = times * len(run.fix_time)
-    return replace(
-        run,
-        trial=replace(run.trial, trajectory=replace(motion, **arrays)),
-        fix_time=0.1 * np.arange(count),
-        fix_speed=np.tile(run.fix_speed, times),
-        fix_way=0.3 * np.arange(count),
-        command_time=0.02 * np.arange(times * len(run.command)),
-        command=np.tile(run.command, (times, 1)),
-    )
-
-
-@pytest.fixture(scope="module")
-def long_run(tmp_path_factory):
-    """Read once: every picture is of the same run."""
-    return longer(run_of(tmp_path_factory.mktemp("log") / "run.mcap"), 400)
-
-
-def drawn(figure):
-    """How many points the figure is made of."""
-    curves = sum(len(line.get_xdata()) for axis in figure.axes for line in axis.lines)
-    clouds = [dots for axis in figure.axes for dots in axis.collections]
-    return curves + sum(len(dots.get_offsets()) for dots in clouds)
-
-
-@pytest.mark.parametrize(
-    "draw",
-    [
-        lambda run: comparison_figure(run, None),
-        lambda run: comparison_figure(run, run.trial),
-        lambda run: torque_speed_figure(run.trial, ROBOT),
-        lambda run: rates_figure(run.trial),
-        lambda run: power_figure(run.trial, ROBOT),
-    ],
-    ids=["comparison", "simulation", "torque_speed", "rates", "power"],
-)
-def test_of_a_long_run_no_more_is_drawn_than_a_picture_shows(long_run, draw):
-    assert len(long_run.trial.trajectory.time) > 190_000
-    assert drawn(draw(long_run)) < 60_000
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,9 @@ import pytest
 
 from sprintlab.api.results import Drawn, Progress, Result, silent
 from sprintlab.cli import main as entry
-from sprintlab.cli.main import ALL, grouped_help, main, parse, run_command
+from sprintlab.cli.main import ALL, grouped_help, parse, run_command
 from sprintlab.cli.output import progress_bar
 from sprintlab.core.errors import UnwrittenError
-from sprintlab.core.joystick import DEFAULT_DEVICE
 
 HEAVY = ("mujoco", "torch", "onnxruntime", "matplotlib", "numpy", "warp")
 
@@ -139,7 +138,6 @@ def test_a_figure_is_refused_before_the_work_and_drawn_after_it(tmp_path, capsys
 
 
 def test_text_of_files_is_shown_and_not_obeyed(call, monkeypatch):
-    monkeypatch.setitem(ALL, "say", lambda: None)
     name = "a\x1b[2Jb \u202egnp [red]"
     monkeypatch.setattr("sprintlab.robots.robot_names", lambda: (name,))
     assert call("robot", "list").out == "a\\x1b[2Jb \\u202egnp [red]\n"
@@ -167,7 +165,7 @@ def every_command(commands=ALL, before=()):
             yield (*before, name)
 
 
-@pytest.mark.parametrize("words", every_command(), ids=" ".join)
+@pytest.mark.parametrize("words", list(every_command()), ids=" ".join)
 def test_every_command_has_help(call, words):
     outcome = call(*words, "--help")
     assert outcome.status == 0 and "--json" in outcome.out
@@ -210,12 +208,6 @@ def test_completion_knows_every_command(call):
     assert all(name in script for name in ("race", "identify", "robot-sim", "--top-speed"))
 
 
-def test_a_gamepad_has_a_default_device():
-    assert parse(["play"])[1]["gamepad"] is False
-    chosen = parse(["play", "sprint", "--gamepad", "--open"])[1]
-    assert (chosen["gamepad"], chosen["gamepad_device"]) == (True, DEFAULT_DEVICE)
-
-
 def test_a_reader_that_leaves_early_is_no_error():
     shell = f"{sys.executable} -m sprintlab.cli.main robot show | head -1; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, env=os.environ, check=False)
@@ -250,5 +242,4 @@ def test_a_robot_has_a_row_for_every_parameter(call):
     assert len(rows) > 50 and all(row["basis"] and row["unit"] for row in rows)
     shown = call("robot", "show").out
     assert all(row["quantity"] in shown for row in rows) and "\x1b" not in shown
-    assert json.loads(call("robot", "list", "--json").out)[0] == "bp2"
-    assert main(["robot", "list"]) == 0
+    assert json.loads(call("robot", "list", "--json").out) == call("robot", "list").out.split()

@@ -16,7 +16,7 @@ import pytest
 
 import sprintlab
 from sprintlab.api.drive import DriveOptions
-from sprintlab.motors import Battery, HousedHeat, I2tLimit, WindingHeat
+from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions
 
 SOURCE, GO1 = Path(sprintlab.__file__).parents[1], Path(__file__).parents[2] / "examples" / "go1"
@@ -48,22 +48,12 @@ GEARS = "--abad-gear 6 --hip-gear 6 --knee-gear 9"
 REFUSED = (
     ("train bp2 --method gallop", "method"),
     ("train nodog", "nodog"),
-    ("train --minutes -1", "minutes"),
-    ("train --resume --output none", "nothing to resume"),
-    ("train --device gpu", "device"),
     ("train --output file/run", "cannot write"),
-    ("train --set ppo.stepz=3", "ppo.stepz"),
-    ("train --settings none.toml", "none.toml"),
     ("sweep s --methods sprinting --dry-run", "sprinting"),
     ("sweep s --set ppo.steps --dry-run", "expected e.g. ppo.steps=8"),
     ("sweep s --set ppo.steps=0 --dry-run", "steps"),
-    ("sweep s --seeds 0", "seeds"),
-    ("sweep s --save-seconds nan", "save_seconds"),
-    ("export none.pt policy.onnx", "none.pt"),
     ("export junk.pt policy.onnx", "junk.pt"),
-    ("learning none", "none"),
     ("learning junk.pt", "junk.pt"),
-    ("race none.onnx", "No such file"),
     ("race gallop", "gallop"),
     ("race broken.onnx", "damaged"),
     ("race foreign.onnx", "not a sprintlab policy"),
@@ -74,42 +64,32 @@ REFUSED = (
     ("evaluate go1-sprint --robot bp2", "robot_name differs"),
     ("race --robot half.toml", "half.toml"),
     ("race --top-speed 1e9", "top_speed"),
-    ("race --top-speed nan", "top_speed"),
     ("race --trials 0", "trials"),
     ("race --workers 0", "workers"),
     ("race --output file/run", "cannot write"),
     ("race --output lost", "lost exists already"),
-    ("race --output loop/run", "cannot write"),
     ("race --motor-model cubic", "plant.motor_model"),
     ("evaluate sprint --battery --state-of-charge 50", "plant.state_of_charge"),
     ("evaluate sprint --heat --winding-temperature 400", "plant.winding_temperature"),
     ("race --supply none.toml", "cannot read supply file none.toml"),
     ("evaluate sprint --grid 1e-300", "grid"),
-    ("evaluate sprint --output file/numbers.json", "cannot write"),
     ("evaluate sprint --output .", "it is a folder"),
     ("evaluate sprint --output pipe", "a pipe, a device or an open file"),
     (f"evaluate sprint --output {'n' * 300}", "File name too long"),
     ("turning sprint --speeds 99", "turning.speeds"),
     ("turning sprint --figure picture.gif", ".png"),
     ("lap sprint --top-speed 0.5", "lap.top_speed"),
-    ("lap sprint --recording lap.txt", "recording"),
     ("ground sprint --top-speed 99", "ground.top_speed"),
     ("ground sprint --slope 2", "ground.slope"),
-    ("ground sprint --roughness -1", "ground.roughness"),
     ("robustness --trials 0", "trials"),
-    ("robustness --distance -5", "distance"),
     ("robustness --top-speed -1", "top_speed"),
     ("robustness --output file", "another"),
-    ("robustness --output pipe", "another"),
     ("limit nodog", "robot 'nodog' is unknown"),
     ("limit --starts 0", "starts = 0"),
     ("limit --factors 0.01", "factors = 0.01"),
-    ("limit --figure pipe.png", "a pipe, a device or an open file"),
     ("limit --results pipe", "there is no folder pipe"),
-    ("limit --results loop", "there is no folder loop"),
     ("motor envelope bp2 ankle", "knee"),
     ("motor envelope bp2 hip --bus-voltage -4", "bus_voltage"),
-    ("motor envelope --points 1", "points"),
     ("motor envelope spot", "mit-mini-cheetah"),
     ("motor envelope --trajectory none.npz", "cannot read"),
     ("motor envelope --trajectory half.toml", "no recorded trajectory"),
@@ -120,7 +100,6 @@ REFUSED = (
     ("motor from-datasheet none.toml", "cannot read"),
     ("motor from-datasheet", "--template"),
     ("motor identify none.csv --output loop/motor.toml", "cannot write"),
-    ("motor identify none.csv --pole-pairs 21", "cannot read"),
     ("robot show spot", "bp2"),
     (f"robot new none.xml {MOTORS} {GEARS} --bus-voltage 24", "cannot read robot model none.xml"),
     (f"robot new go1.xml {MOTORS} {GEARS}", "not given: --bus-voltage; a file of --choices"),
@@ -135,23 +114,19 @@ REFUSED = (
     ("robot new go1.xml --choices none.toml", "cannot read choices none.toml"),
     ("replay no-run --output loop", "cannot write"),
     ("report none.mcap --output lost", "lost exists already"),
-    ("report none.mcap --output file/report", "cannot write"),
     ("run sprint shm://not-here", "no robot named 'not-here'"),
     ("run sprint http://bp2", "choose one of shm, unitree"),
-    ("run sprint bp2", "an address like shm://bp2"),
     ("run --robot bp3", "bp3"),
     ("run --source telepathy", "choose one of sprint"),
     ("run --source profile:missing.csv", "missing.csv"),
     ("run --top-speed -3", "-3.0"),
     ("run --priority 100", "loop.priority = 100"),
-    ("run --duration 0", "loop.duration = 0.0"),
     ("run --distance -1", "distance"),
     ("run go1-sprint shm://not-here --robot bp2", "the policy has 'go1', robot bp2 has 'bp2'"),
     ("run other.onnx shm://not-here", "stiffness[FL_abad] differs: the policy has 20.0, robot bp2 has 60.0"),
     ("run --despite-audit slow", "--despite-audit names 'slow', but the policy is 'sprint'"),
     ("run sprint shm://not-here --log file", "exists already"),
     ("robot-sim shm://no --truth t.npz", "give --duration too"),
-    ("robot-sim shm://no --duration 1 --truth loop/truth.npz", "cannot write"),
     ("robot-sim shm://no --duration 1 --truth truth.csv", "truth's ending"),
     ("robot-sim shm://no --duration 1e308 --truth t.npz", "duration of a truth = 1e+308"),
 )
@@ -237,42 +212,9 @@ def test_options_of_the_drive_turn_on_what_they_name(tmp_path):
     plant = DriveOptions(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4).plant()
     assert (plant.motor_model, plant.battery, plant.state_of_charge) == ("flux-weakening", "robot", 0.4)
     assert plant.heat == WindingHeat() and len(plant.remarks) == 3
-    for text, battery, heat, i2t in (
-        ("[battery]\nseries_cells = 12\n", Battery(series_cells=12), None, None),
-        (
-            "[heat]\nhousing_heat_capacity = 80.0\nhousing_thermal_resistance = 1.5\n",
-            None,
-            HousedHeat(housing_heat_capacity=80.0, housing_thermal_resistance=1.5),
-            None,
-        ),
-        (
-            "[i2t]\ncontinuous_current = 20.0\npeak_duration = 2.0\n",
-            None,
-            None,
-            I2tLimit(continuous_current=20.0, peak_duration=2.0),
-        ),
-    ):
-        (tmp_path / "pack.toml").write_text(text)
-        plant = DriveOptions(supply=tmp_path / "pack.toml").plant()
-        assert (plant.battery, plant.heat, plant.i2t) == (battery, heat, i2t)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "must hold the tables"),
-        ("battery = 3\n", "battery = 3"),
-        ("[battery]\nresistance = 1\n", "battery.resistance"),
-        ("[battery]\nvoltage_table = [3.0, 4.2]\n", "one voltage for each charge"),
-        ("[heat]\nheat_capacity = ['a']\n", "heat"),
-        ("[i2t]\ncontinuous_current = 20.0\n", "give peak_duration or time_constant"),
-        ("[battery\n", "not a TOML file"),
-    ],
-)
-def test_a_bad_supply_file_is_refused_in_one_sentence(call, tmp_path, text, message):
-    (tmp_path / "pack.toml").write_text(text)
-    outcome = call("race", "--no-report", "--supply", tmp_path / "pack.toml")
-    assert outcome.status == 2 and message in outcome.err and outcome.err.count("\n") == 1
+    (tmp_path / "pack.toml").write_text("[battery]\nseries_cells = 12\n")
+    plant = DriveOptions(supply=tmp_path / "pack.toml", air="treadmill").plant()
+    assert (plant.battery, plant.heat, plant.drag_area) == (Battery(series_cells=12), None, 0.0)
 
 
 QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video")

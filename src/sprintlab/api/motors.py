@@ -321,7 +321,8 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
         raise InvalidValueError("save", str(save), "name the actuator to save")
     known = {each: load_library_motor(each) for each in (library_motors() if name is None else (name,))}
     numbers = [_actuator_numbers(each) for each in known.values()]
-    shown = [_comparison(numbers), LIBRARY_NOTE] if name is None else [_sources(numbers[0])]
+    whole: list[RenderableType] = [_comparison(numbers), LIBRARY_NOTE]
+    shown = whole if name is None else [_sources(numbers[0])]
     if name is not None and save is not None:
         save_motor(known[name].motor, save)
         shown.append(f"motor file: {save}")

@@ -36,13 +36,11 @@ class Race(Drawn):
     """What a race found; prints as a table, draws itself, writes its report.
 
     Attributes:
-        found: every trial and its numbers.
         policy: the policy file.
         robot: that ran.
         table: name, folder or parameter table of the robot.
     """
 
-    found: RaceResult
     policy: Path
     robot: RobotDescription
     table: str

@@ -110,8 +110,8 @@ def import_robot(
         given: dict[str, Any] = {} if choices is None else importing.read_choices(Path(choices))
         options = {"name": name, "bus_voltage": bus_voltage, "foot_radius": foot_radius}
         given = {"name": read.path.stem, **given, **{key: v for key, v in options.items() if v is not None}}
-        motors = dict(zip(JOINTS, (abad_motor, hip_motor, knee_motor), strict=True))
-        gears = dict(zip(JOINTS, (abad_gear, hip_gear, knee_gear), strict=True))
+        motors: dict[str, Any] = dict(zip(JOINTS, (abad_motor, hip_motor, knee_motor), strict=True))
+        gears: dict[str, Any] = dict(zip(JOINTS, (abad_gear, hip_gear, knee_gear), strict=True))
         given["joints"] = tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
         open_choices = [] if "bus_voltage" in given else [(given, "bus_voltage", "--bus-voltage")]
         for joint, made in tables.items():

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.control.pace import PaceContract
-    from sprintlab.training.runs.sweep import Cluster, RunStatus
+    from sprintlab.training.runs.sweep import RunStatus
     from sprintlab.training.settings import TrainingSettings
 
 _LOG_LIMIT = 64 << 20
@@ -209,8 +209,10 @@ def train(
     from sprintlab.training.settings import TrainingSettings
     from sprintlab.training.settings_text import read_settings, settings_toml, to_plain, with_changes
 
-    chosen, named = robot, None
-    if not isinstance(robot, TrainingSettings):
+    named = None
+    if isinstance(robot, TrainingSettings):
+        chosen = robot
+    else:
         check_kind("robot", robot, str | Path | None)
         named = None if robot is None else _robot_word(robot)
         chosen = methods.method(method or methods.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
@@ -445,48 +447,37 @@ def sweep(
         return Result(numbers=found, shown=[shown])
     require_package("submitit", extra="sweep", use="a sweep")
     require_training()
-    from sprintlab.training.runs.sweep import Sweep, summary
+    from sprintlab.training.runs import sweep as runs
 
-    training = Sweep(
-        plans, _cluster(cluster, Path(output), minutes, device, per_gpu, gpus, partition), retries
-    )
+    jobs, most = Path(output) / ".jobs", runs.job_minutes(minutes)
+    if cluster == "slurm":
+        where = runs.SlurmCluster(jobs, per_gpu, most, partition)
+    else:
+        found = [] if device == "cpu" else runs.visible_gpus()
+        if gpus is not None:
+            check_range("gpus", gpus, 1, max(1, len(found)))
+        where = runs.LocalCluster(jobs, per_gpu, found[:gpus], most)
+    training = runs.Sweep(plans, where, retries)
     seen: dict[str, tuple[str, int]] = {}
 
-    def watch(runs: Sequence[RunStatus]) -> None:
-        for run in runs:
+    def watch(every: Sequence[RunStatus]) -> None:
+        for run in every:
             if seen.get(run.plan.name) != (run.state, run.restarts):
                 remark(f"{run.plan.name}: {run.state}, {run.restarts} restarts")
             seen[run.plan.name] = (run.state, run.restarts)
-        shares = [1.0 if run.state == "finished" else run.plan.share() for run in runs]
-        done = sum(run.state == "finished" for run in runs)
-        progress(f"{done} of {len(runs)} runs finished", sum(shares) / len(shares))
+        shares = [1.0 if run.state == "finished" else run.plan.share() for run in every]
+        done = sum(run.state == "finished" for run in every)
+        progress(f"{done} of {len(every)} runs finished", sum(shares) / len(shares))
+
+    def result() -> Result:
+        return Result(numbers=runs.summary(training.runs), shown=[_status(training.runs)])
 
     try:
         training.run(watch)
     except BaseException as error:
-        error.found = Result(numbers=summary(training.runs), shown=[_status(training.runs)])  # pyright: ignore[reportAttributeAccessIssue]
+        error.found = result()  # pyright: ignore[reportAttributeAccessIssue]
         raise
-    return Result(numbers=summary(training.runs), shown=[_status(training.runs)], found=training.runs)
-
-
-def _cluster(
-    name: str,
-    output: Path,
-    minutes: float,
-    device: str,
-    per_gpu: int,
-    gpus: int | None,
-    partition: str | None,
-) -> Cluster:
-    from sprintlab.training.runs.sweep import LocalCluster, SlurmCluster, job_minutes, visible_gpus
-
-    folder, most = output / ".jobs", job_minutes(minutes)
-    if name == "slurm":
-        return SlurmCluster(folder, per_gpu, most, partition)
-    found = [] if device == "cpu" else visible_gpus()
-    if gpus is not None:
-        check_range("gpus", gpus, 1, max(1, len(found)))
-    return LocalCluster(folder, per_gpu, found[:gpus], most)
+    return result()
 
 
 def _status(runs: Sequence[RunStatus]) -> Table:

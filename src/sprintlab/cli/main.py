@@ -174,8 +174,8 @@ def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str
         lines += ["", heading]
         for name, command in group.items():
             told = f"  {name:<14} " if commands else f"  {name:<11} "
-            rest = {"initial_indent": told, "subsequent_indent": " " * len(told)}
-            lines += textwrap.wrap(summary(name, command), 100, **rest)
+            wrapped = textwrap.wrap(summary(name, command), 100 - len(told))
+            lines += [told + wrapped[0], *(" " * len(told) + line for line in wrapped[1:])]
     more = "" if title else "; sprintlab --version the version"
     return "\n".join([*lines, "", f"{called} COMMAND --help lists a command's options{more}."])
 

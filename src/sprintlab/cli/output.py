@@ -85,8 +85,8 @@ def progress_bar(quiet: bool = False) -> Iterator[Progress]:
         task = bar.add_task("starting", total=None)
 
         def report(what: str, share: float | None) -> None:
-            known = {} if share is None else {"completed": min(max(share, 0.0), 1.0)}
-            bar.update(task, description=what, total=None if share is None else 1.0, **known)
+            done = None if share is None else min(max(share, 0.0), 1.0)
+            bar.update(task, description=what, total=None if done is None else 1.0, completed=done)
 
         yield report
 

@@ -1,0 +1,199 @@
+"""``sprintlab motor``: envelope, show, library, from-datasheet and identify on the shipped examples."""
+
+import json
+import re
+import runpy
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sprintlab as sl
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.motors import MOTOR_MODELS, library_motors, load_library_motor, load_motor
+from sprintlab.robots import load_robot
+from sprintlab.workbench.datasheet_file import ENTRIES, load_datasheet
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
+SHEET, BENCH, MOTOR = (
+    EXAMPLES / name for name in ("maxon-ec-45-flat-70w.toml", "bench.csv", "bench-motor.toml")
+)
+TABLE = (EXAMPLES / "torque-current.csv", "--saturation-only", "--pole-pairs", 21, "--peak-current", 62.66)
+
+
+@pytest.fixture
+def answer(call):
+    """The JSON that a command of ``motor`` prints."""
+
+    def run(*words):
+        outcome = call("motor", *words, "--json")
+        assert outcome.status == 0 and outcome.err == "", outcome.err
+        return json.loads(outcome.out)
+
+    return run
+
+
+def test_an_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(answer):
+    found, robot = answer("envelope", "bp2", "hip", "--points", 5), load_robot("bp2")
+    peak = robot.motors.peak_torque[1] * robot.gear.ratio[1]  # at rest a gear takes nothing
+    rows, critical = found["rows"], found["critical_speed"]
+    assert len(rows) == 5 and rows[0]["refined upper"] == pytest.approx(peak)
+    assert rows[-1]["square upper"] == pytest.approx(peak * robot.gear.efficiency[1])
+    assert rows[0]["refined + saturation upper"] == pytest.approx(peak * (1 - robot.motors.saturation[1]))
+    assert rows[-1]["speed"] == pytest.approx(found["no_load_speed"])
+    assert rows[-1]["refined upper"] == pytest.approx(0.0, abs=1e-6)
+    assert critical["refined"] < critical["simplified-dc"] < found["no_load_speed"]
+    assert critical["square"] is None and set(found["peak_power"]) == {*MOTOR_MODELS, "refined + saturation"}
+    half, *faster = found["d_axis_cost"]
+    assert half["lost"] == pytest.approx(0.0, abs=1e-12) and all(0.1 < each["lost"] < 0.5 for each in faster)
+    shown = answer("show", "bp2", "hip")
+    assert shown["no_load_speed"] == pytest.approx(8.25 * found["no_load_speed"])
+
+
+def test_the_gear_moves_torque_and_speed(answer):
+    motor = ("envelope", MOTOR, "--bus-voltage", 48, "--points", 2)
+    alone, geared = answer(*motor), answer(*motor, "--gear-ratio", 6, "--gear-efficiency", 0.9)
+    assert geared["no_load_speed"] == pytest.approx(alone["no_load_speed"] / 6)
+    resting, driving = (row["square upper"] for row in geared["rows"])
+    peak = alone["rows"][0]["square upper"]
+    assert resting == pytest.approx(6.0 * peak) and driving == pytest.approx(5.4 * peak)
+    found = answer("envelope", "mit-mini-cheetah", "--points", 2)
+    assert found["gear"] == {"ratio": 6.0, "efficiency": 1.0} and found["bus_voltage"] == 24.0
+
+
+def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
+    speed, torque = np.zeros((2, 12)), np.zeros((2, 12))
+    speed[1, 1::3], torque[1, 1::3] = 10.0, 40.0  # the hips
+    np.savez(tmp_path / "run.npz", joint_velocity=speed, joint_torque=torque)
+    words, picture = ("envelope", "bp2", "hip", "--trajectory", tmp_path / "run.npz"), tmp_path / "a.png"
+    points = answer(*words, "--figure", picture)["operating_points"]
+    assert points["samples"] == 8 and set(points["beyond"].values()) == {0.0} and points["at_limit"] == 0.0
+    weak = answer(*words, "--gear-efficiency", 0.25)["operating_points"]
+    assert (weak["beyond"]["refined"], weak["at_limit"]) == (0.5, 0.5)
+    out = call("motor", *words).out
+    for text in ("Operating points", "d-axis voltage costs", "no-load speed", "brake", "v_d = 0"):
+        assert text in out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_that_finds_no_room_takes_no_numbers_with_it(call, tmp_path, monkeypatch):
+    def full(path, figure):
+        raise SprintlabError(f"{path} cannot be written: No space left on device")
+
+    monkeypatch.setattr("sprintlab.core.theme.save_figure", full)
+    outcome = call("motor", "envelope", "--figure", tmp_path / "envelope.png", "--json")
+    assert outcome.status == 2 and "No space left on device" in outcome.err
+    assert json.loads(outcome.out)["figure"].endswith("envelope.png")
+
+
+def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
+    entries = {entry["name"]: entry for entry in answer("library")}
+    assert list(entries) == list(library_motors()) and all(
+        name in call("motor", "library").out for name in entries
+    )
+    for entry in entries.values():
+        assert all(value["source"] for value in entry["values"].values())
+        assert 0 < entry["joint"]["corner_speed"] < entry["joint"]["no_load_speed"]
+    assert entries["mit-humanoid-u12"]["joint"]["corner_lost_to_v_d"] == pytest.approx(0.186, abs=0.001)
+    out = call("motor", "library", "xiaomi-cybergear").out
+    assert "CyberGear micro motor user manual" in " ".join(out.split()) and "estimated" in out
+    files = ("--save", tmp_path / "u12.toml", "--figure", tmp_path / "library.png")
+    assert call("motor", "library", "mit-humanoid-u12", *files).status == 0
+    assert load_motor(tmp_path / "u12.toml") == load_library_motor("mit-humanoid-u12").motor
+    assert (tmp_path / "library.png").stat().st_size > 30_000
+
+
+def test_a_data_sheet_becomes_a_motor_file_and_stands_for_it(call, answer, tmp_path):
+    motor = tmp_path / "maxon.toml"
+    found = answer("from-datasheet", SHEET, "--output", motor)["motor"]
+    assert found["stator_resistance"] == pytest.approx(0.573 / 2) and found["pole_pairs"] == 8
+    assert load_motor(motor).flux_linkage == found["flux_linkage"]
+    # The catalogue's 5600 rpm at 24 V are 586 rad/s, with all the voltage and friction.
+    shown = answer("envelope", motor, "--bus-voltage", 24)
+    assert shown["no_load_speed"] == pytest.approx(586 * 0.95, rel=0.02)
+    of_sheet, of_motor = (sl.chosen_motor(str(path), bus_voltage=24.0) for path in (SHEET, motor))
+    assert of_sheet.to_dict()["motor"] == pytest.approx(of_motor.to_dict()["motor"], rel=1e-4)
+    out = call("motor", "from-datasheet", SHEET).out
+    for text in (
+        "R_lines / 2",
+        "0.573 / 2",
+        "psi, taken from kv",
+        "note: the sheet says nothing of saturation",
+    ):
+        assert text in out
+
+
+def test_a_sheet_that_contradicts_itself_is_refused_and_settled(call, answer, tmp_path):
+    """The firmware's torque constant is 17 % below what its own flux linkage gives."""
+    sheet, settled = EXAMPLES / "mini-cheetah-firmware.toml", tmp_path / "sheet.toml"
+    refused = call("motor", "from-datasheet", sheet, "--output", tmp_path / "motor.toml")
+    assert refused.status == 2 and list(tmp_path.iterdir()) == []
+    for text in ("torque_constant", "flux_linkage", "-17.0%", "flux_from"):
+        assert text in refused.err
+    settled.write_text(sheet.read_text() + 'flux_from = "flux_linkage"\n')
+    assert answer("from-datasheet", settled)["motor"]["flux_linkage"] == 2.87e-3
+    same = ("--output", tmp_path / "a.toml", "--supply-output", tmp_path / "." / "a.toml")
+    assert "supply_output" in call("motor", "from-datasheet", SHEET, *same).err
+
+
+def test_the_template_becomes_a_sheet(call, tmp_path):
+    first, *lines = call("motor", "from-datasheet", "--template").out.replace('"0 ', '"1 ').splitlines()
+    bare = [line.removeprefix("# ") for line in lines]
+    chosen = [re.sub(r'"\?"(.*?: )(.*?)(, .*)?$', r'"\2"\1', line) for line in bare]
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text("\n".join([first, *chosen]))
+    read = load_datasheet(sheet)
+    assert set(read.entries) == set(ENTRIES)
+    assert read.connection == "star" and read.flux_from == "kv" and read.gear_ratio == 6.0
+    sheet.write_text("\n".join([first, *bare]))
+    with pytest.raises(InvalidValueError, match="between = '\\?'"):
+        load_datasheet(sheet)
+
+
+def test_the_shipped_benches_are_what_the_script_writes(tmp_path, capsys):
+    runpy.run_path(str(shutil.copy(EXAMPLES / "make_bench.py", tmp_path)), run_name="__main__")
+    assert "62.66 A" in capsys.readouterr().out
+    for name in ("bench.csv", "torque-current.csv", "bench-motor.toml"):
+        assert (tmp_path / name).read_text() == (EXAMPLES / name).read_text(), name
+
+
+def test_identify_recovers_the_motor_of_the_shipped_bench(call, answer, tmp_path):
+    files = ("--output", tmp_path / "found.toml", "--rotor-inertia", 5.5e-4, "--figure", tmp_path / "fit.png")
+    found = answer("identify", BENCH, "--pole-pairs", 21, "--peak-current", 62.66, *files)
+    assert found["trustworthy"] and found["outlier_lines"] == []
+    truth = load_motor(MOTOR)
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation"):
+        parameter = found["parameters"][name]
+        assert parameter["determined"]
+        assert abs(parameter["value"] - getattr(truth, name)) < 2 * parameter["half_width_95"], name
+    assert load_motor(tmp_path / "found.toml").peak_torque == pytest.approx(truth.peak_torque, rel=0.01)
+    assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")
+    lines = BENCH.read_text().splitlines()
+    lines[1:] = [f"{line},{'operator' if number == 0 else 7}" for number, line in enumerate(lines[1:])]
+    cells = lines[10].split(",")
+    lines[10] = ",".join([*cells[:2], "44", *cells[3:]])
+    (tmp_path / "bench.csv").write_text("\n".join(lines))
+    out = call("motor", "identify", tmp_path / "bench.csv", "--base", MOTOR).out
+    for text in ("95 % interval", "explained", "outliers in lines 11", "columns not read: operator"):
+        assert text in out
+
+
+def test_a_torque_current_table_gives_the_saturation_alone(call, answer, tmp_path):
+    saturation = answer("identify", *TABLE)["parameters"]["saturation"]
+    assert abs(saturation["value"] - 0.15) < 2 * saturation["half_width_95"]
+    assert "not determined: needs vq or power" in call("motor", "identify", *TABLE).out
+    lines = TABLE[0].read_text().splitlines()
+    lines[2:] = [f"{line.split(',')[0]},{3 + (number % 3)}" for number, line in enumerate(lines[2:])]
+    (tmp_path / "table.csv").write_text("\n".join(lines))
+    outcome = call("motor", "identify", tmp_path / "table.csv", *TABLE[1:])
+    assert outcome.status == 1 and "no description" in outcome.out
+    outcome = call("motor", "identify", tmp_path / "table.csv", *TABLE[1:], "--output", tmp_path / "m.toml")
+    assert outcome.status == 2 and not (tmp_path / "m.toml").exists()
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_what_was_identified_is_not_lost_with_the_motor_file(call, tmp_path):
+    outcome = call("motor", "identify", BENCH, "--base", MOTOR, "--output", tmp_path / "found.toml")
+    assert outcome.status == 2 and "found.toml: No space left on device" in outcome.err
+    assert "stator_resistance" in outcome.out and "motor file" not in outcome.out
