@@ -15,25 +15,27 @@ Result = TypeVar("Result")
 
 WARM_UP = 3
 """Runs before a capture: PyTorch's advice for its allocator, cuBLAS and optimizers."""
-COMPILER_OPTIONS: dict[str, str | int | bool | Callable[..., object]] = {"force_pointwise_cat": True}
-"""Every concatenation is computed where it is used: left to itself the compiler gives each of its parts a
-kernel, which made 86 kernels of the step after physics where 40 do."""
 
 VERSIONS = 256
 """Compiled functions that the compiler keeps under one name. Eight are its default, and every method under
 ``torch.no_grad`` counts as the same one: a second run in a process would be refused."""
 
 
-def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Arguments, Result]:
+def compiled(
+    work: Callable[Arguments, Result], fused: bool, pointwise_cat: bool = False
+) -> Callable[Arguments, Result]:
     """``work`` with its kernels fused; ``work`` itself where ``fused`` is off.
 
     What cannot be compiled in one piece is an error: in pieces it would run, slowly, and without a word.
+    With ``pointwise_cat`` every concatenation is computed where it is used. Left to itself the compiler
+    writes each part from where it is computed: right for two halves of a large tensor, but it made 86
+    kernels of the environment's step where 40 do.
     """
     if not fused:
         return work
     keep_compiled_code_private()
     torch._dynamo.config.recompile_limit = VERSIONS
-    return torch.compile(work, dynamic=False, fullgraph=True, options=COMPILER_OPTIONS)
+    return torch.compile(work, dynamic=False, fullgraph=True, options={"force_pointwise_cat": pointwise_cat})
 
 
 def captured(work: Callable[[], None], device: str) -> Callable[[], None]:

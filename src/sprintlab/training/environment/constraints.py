@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import torch
 
+from sprintlab.commands.state import GRAVITY
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots.foot import NOMINAL_FOOT
 from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, ConstraintSettings
@@ -72,6 +73,18 @@ def nominal_deflection(deflection: torch.Tensor, stiffness: torch.Tensor) -> tor
     would pass 15 mm in gaits that the audit passes, and the range of speeds would never open.
     """
     return deflection * (stiffness / NOMINAL_FOOT.stiffness)
+
+
+def apparent_weight(lateral: torch.Tensor) -> torch.Tensor:
+    """What a robot weighs in a turn, over its weight: ``sqrt(1 + (v w / g)^2)``.
+
+    Its feet carry gravity and the turn together. Held against the weight alone, their force would forbid
+    turns at the speeds at which running straight on takes all that the limit allows.
+
+    Args:
+        lateral: acceleration to the side that the command asks for, speed times yaw rate [m/s^2] ``(n,)``.
+    """
+    return (1.0 + (lateral / GRAVITY).square()).sqrt()
 
 
 def broken_parts(monitors: Monitors, settings: ConstraintSettings) -> torch.Tensor:

@@ -43,6 +43,7 @@ from sprintlab.training.environment.constraints import (
     FAST_SHARE,
     WATCHED,
     Monitors,
+    apparent_weight,
     broken_parts,
     by_phase,
     command_phases,
@@ -150,7 +151,7 @@ class SprintEnvironment:
         self._start_all()
         self.after_physics: Callable[[], None] = self._after_physics
         if fused and str(device).startswith("cuda"):
-            self._transition = compiled(self._transition, fused)
+            self._transition = compiled(self._transition, fused, pointwise_cat=True)
             self.after_physics = captured(self._after_physics, device)
             self._start_all()
 
@@ -372,10 +373,12 @@ class SprintEnvironment:
 
     def _monitors(self) -> Monitors:
         """What the audit measures in this step."""
-        engine = self.engine
+        engine, command = self.engine, self.commands.command
+        weight = apparent_weight(command[:, 0] * command[:, 2])[:, None]
+        deflection = nominal_deflection(engine.pad_deflection, engine.pad_stiffness[:, None])
         return Monitors(
-            foot_force=engine.foot_force,
-            pad_deflection=nominal_deflection(engine.pad_deflection, engine.pad_stiffness[:, None]),
+            foot_force=engine.foot_force / weight,
+            pad_deflection=deflection / weight,
             gear_torque=engine.gear_torque,
             leg_distance=engine.leg_distance,
             joint_speed=engine.joint_speed,

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import nn
@@ -26,6 +27,8 @@ from sprintlab.training.learner.mirror import Mirror
 _COLUMNS = 8
 """Inputs are filled up with zeros to a multiple of this: the fast matrix kernels of a GPU read eight numbers
 of 16 bits at once."""
+_PARTS = 32
+"""Parts of the samples over which the gradient of a weight is summed apart on a GPU."""
 
 
 class _Folded(nn.Module):
@@ -60,14 +63,13 @@ class FirstLayer(_Folded):
         self.bias = nn.Parameter(_uniform(pairs, 1, 1.0 / math.sqrt(size))[:, 0])
         self._fill = -size % _COLUMNS
 
-    def forward(self, vector: torch.Tensor) -> Sequence[torch.Tensor]:
-        """Sums and differences ``(n, width / 2)`` each, from one product."""
-        with torch.autocast(vector.device.type, enabled=False):
-            weight = math.sqrt(0.5) * torch.cat(self.folded(), 1)
+    def forward(self, vector: torch.Tensor, precision: torch.dtype) -> torch.Tensor:
+        """Sums and differences side by side ``(1, n, width)``, from one product."""
+        weight = math.sqrt(0.5) * torch.cat(self.folded(), 1)
         if vector.is_cuda and self._fill:
             vector = functional.pad(vector, (0, self._fill))
             weight = functional.pad(weight, (0, 0, 0, self._fill))
-        return torch.matmul(vector, weight).chunk(2, 1)
+        return product(vector.to(precision)[None], weight.to(precision)[None])
 
 
 class PairLayer(nn.Module):
@@ -80,9 +82,9 @@ class PairLayer(nn.Module):
         self.weight = nn.Parameter(_uniform(2 * inputs, outputs, bound).view(2, inputs, outputs))
         self.bias = nn.Parameter(_uniform(outputs, 1, bound)[:, 0])
 
-    def forward(self, pairs: torch.Tensor) -> torch.Tensor:
+    def forward(self, pairs: torch.Tensor, precision: torch.dtype) -> torch.Tensor:
         """``(2, n, width / 2)`` from ``(2, n, narrow / 2)``."""
-        return torch.matmul(pairs, self.weight)
+        return product(pairs.to(precision), self.weight.to(precision))
 
 
 class LastLayer(_Folded):
@@ -100,10 +102,9 @@ class LastLayer(_Folded):
     def forward(self, pairs: torch.Tensor) -> torch.Tensor:
         """The vector ``(n, size)``."""
         with torch.autocast(pairs.device.type, enabled=False):
-            sums, differences = self.folded()
+            weight = math.sqrt(0.5) * torch.stack(self.folded()).transpose(1, 2)
             bias = 0.5 * (self.bias + self.sign[:, 0] * self.bias.index_select(0, self.index))
-            pairs = math.sqrt(0.5) * pairs.float()
-            return functional.linear(pairs[0], sums, bias) + functional.linear(pairs[1], differences)
+            return product(pairs.float(), weight).sum(0) + bias
 
 
 class SymmetricTrunk(nn.Module):
@@ -119,10 +120,13 @@ class SymmetricTrunk(nn.Module):
         self.layers = nn.ModuleList([FirstLayer(mirror, widths[0]), *layers])
 
     def forward(self, vector: torch.Tensor) -> torch.Tensor:
-        """``(2, n, widths[-1] / 2)``."""
-        for layer in self.layers:
-            vector = _activated(layer(vector), layer.bias)  # pyright: ignore[reportArgumentType]
-        return vector
+        """``(2, n, widths[-1] / 2)``, in bfloat16 inside of ``torch.autocast``."""
+        kind = vector.device.type
+        precision = torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else vector.dtype
+        with torch.autocast(kind, enabled=False):
+            for layer in self.layers:
+                vector = _activated(layer(vector, precision), layer.bias)  # pyright: ignore[reportArgumentType]
+            return vector
 
 
 class SymmetricPerceptron(nn.Module):
@@ -137,11 +141,84 @@ class SymmetricPerceptron(nn.Module):
         return self.last(self.trunk(vector))
 
 
-def _activated(pairs: Sequence[torch.Tensor] | torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-    """ELU of each channel, in sums and differences."""
-    s, d = pairs[0] + bias, pairs[1]
-    u, v = functional.elu(math.sqrt(0.5) * (s + d)), functional.elu(math.sqrt(0.5) * (s - d))
-    return math.sqrt(0.5) * torch.stack((u + v, u - v))
+class _Product(torch.autograd.Function):
+    """Batched matrix product whose weight gradient is summed over parts of the samples.
+
+    The gradient of a weight is a small matrix summed over tens of thousands of samples: as one product it
+    keeps a few multiprocessors of a GPU busy, in parts all of them.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, inputs: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+        ctx.save_for_backward(inputs, weight)
+        return torch.bmm(inputs, weight)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        inputs, weight = ctx.saved_tensors
+        back = torch.bmm(gradient, weight.transpose(1, 2)) if ctx.needs_input_grad[0] else None
+        return back, torch.stack([_weight_gradient(x, g) for x, g in zip(inputs, gradient, strict=True)])
+
+
+def _weight_gradient(inputs: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+    """``(i, o)`` from ``(n, i)`` and ``(n, o)``."""
+    samples = len(inputs)
+    parts = _PARTS if inputs.is_cuda and samples % _PARTS == 0 else 1
+    inputs, gradient = (each.view(parts, samples // parts, -1) for each in (inputs, gradient))
+    return torch.bmm(inputs.transpose(1, 2), gradient).sum(0)
+
+
+def product(inputs: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """``inputs`` ``(b, n, i)`` times ``weight`` ``(b, i, o)``: ``(b, n, o)``."""
+    return _Product.apply(inputs, weight)  # pyright: ignore[reportReturnType]
+
+
+class _Activation(torch.autograd.Function):
+    """ELU of each channel of pairs that are given as sums and differences before the bias.
+
+    Each result is rounded before two are put together, and the gradient of the bias is summed from rounded
+    numbers: one kernel then writes both halves, each once.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, pairs: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+        ctx.save_for_backward(pairs, bias)
+        u, v = (_elu(each) for each in _channels(pairs, bias))
+        return torch.stack(_halves(u, v, pairs.dtype))
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        pairs, bias = ctx.saved_tensors
+        u, v = _channels(pairs, bias)
+        s, d = gradient.to(bias.dtype).unbind()
+        du, dv = (math.sqrt(0.5) * g * torch.exp(x.clamp(max=0.0)) for g, x in ((s + d, u), (s - d, v)))
+        beside = torch.cat(_halves(du, dv, pairs.dtype), 1)
+        back = beside[None] if pairs.shape[0] == 1 else beside.view(len(u), 2, -1).transpose(0, 1)
+        return back, beside[:, : len(bias)].to(bias.dtype).sum(0)
+
+
+def _activated(pairs: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    """``(2, n, k)`` from ``(2, n, k)``, or ``(1, n, 2 k)`` side by side, and a bias ``(k,)``."""
+    return _Activation.apply(pairs, bias)  # pyright: ignore[reportReturnType]
+
+
+def _channels(pairs: torch.Tensor, bias: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Both channels of each pair ``(n, k)``, before the activation."""
+    sums, differences = pairs[0].chunk(2, 1) if pairs.shape[0] == 1 else pairs.unbind()
+    s, d = sums + bias, differences.to(bias.dtype)
+    return math.sqrt(0.5) * (s + d), math.sqrt(0.5) * (s - d)
+
+
+def _halves(u: torch.Tensor, v: torch.Tensor, kind: torch.dtype) -> list[torch.Tensor]:
+    """Sums and differences of channels, rounded."""
+    return [(math.sqrt(0.5) * each).to(kind) for each in (u + v, u - v)]
+
+
+def _elu(values: torch.Tensor) -> torch.Tensor:
+    """ELU; on a GPU by ``exp``, since ``expm1`` alone would take longer than reading and writing."""
+    if not values.is_cuda:
+        return functional.elu(values)
+    return torch.where(values > 0.0, values, torch.exp(values.clamp(max=0.0)) - 1.0)
 
 
 def _pairs(width: int) -> int:
