@@ -155,7 +155,7 @@ class TestedUpdate:
             batch = self.rollout.policy_batch(0, ROBOTS)
             loss, parts = policy_losses(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
             self.rate.copy_(adapted_learning_rate(self.rate, parts[3], PPO_SETTINGS.desired_kl))
-            block.descend(loss, Workers())
+            block.descend(loss, Workers(), 1)
 
 
 def test_log_probability_is_torch_s() -> None:
@@ -251,7 +251,7 @@ def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
     reference = torch.optim.Adam([p for module in copies for p in module.parameters()], lr=1e-2)
     for _ in range(5):
         inputs = 30.0 * torch.randn(8, 5)
-        block.descend(modules[1](modules[0](inputs)).square().mean(), Workers())
+        block.descend(modules[1](modules[0](inputs)).square().mean(), Workers(), 1)
         reference.zero_grad()
         copies[1](copies[0](inputs)).square().mean().backward()
         for module in copies:
@@ -264,9 +264,9 @@ def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
     assert int((block.values != 0.0).sum()) == used < block.values.numel()
 
 
-def test_bfloat16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
+def test_float16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
     """The rollout decides in the same precision: before the first step the ratio is one, as it should be."""
-    short = replace(SETTINGS, ppo=replace(PPO_SETTINGS, precision="bfloat16"))
+    short = replace(SETTINGS, ppo=replace(PPO_SETTINGS, precision="float16"))
     rounded = EstimatorPpo(SprintEnvironment(short, "cpu"), True, Workers())
     for _ in range(STEPS):
         rounded.act()
@@ -284,4 +284,4 @@ def test_bfloat16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
     torch.testing.assert_close(loss, exact, rtol=0.05, atol=0.02)
     assert not torch.equal(parts, exact_parts)
     values = rounded.rollout.value
-    assert not torch.equal(values, values.bfloat16().float()), "values in eight bits drown a step's reward"
+    assert not torch.equal(values, values.half().float()), "values in eight bits drown a step's reward"

@@ -234,7 +234,7 @@ class EstimatorPpo:
         loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
         self._workers.average(parts)
         self._note(parts)
-        self.block.descend(loss, self._workers)
+        self.block.descend(loss, self._workers, len(batch.action))
         self._limit_noise()
 
     @torch.no_grad()
@@ -253,7 +253,7 @@ class EstimatorPpo:
         noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
         batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
         loss, parts = self._estimator_losses(self.actor, batch)
-        self.estimator_block.descend(loss, self._workers)
+        self.estimator_block.descend(loss, self._workers, samples)
         with torch.no_grad():
             self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
 

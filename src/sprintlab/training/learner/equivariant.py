@@ -57,6 +57,8 @@ class _Folded(nn.Module):
 class FirstLayer(_Folded):
     """From a vector ``(n, size)`` to sums and differences before the activation."""
 
+    beside = True
+
     def __init__(self, mirror: Mirror, width: int) -> None:
         size, pairs = mirror.size, _pairs(width)
         super().__init__(_uniform(size, pairs, 1.0 / math.sqrt(size)), mirror)
@@ -74,6 +76,8 @@ class FirstLayer(_Folded):
 
 class PairLayer(nn.Module):
     """From sums and differences to sums and differences, before the activation."""
+
+    beside = False
 
     def __init__(self, narrow: int, width: int) -> None:
         super().__init__()
@@ -120,12 +124,12 @@ class SymmetricTrunk(nn.Module):
         self.layers = nn.ModuleList([FirstLayer(mirror, widths[0]), *layers])
 
     def forward(self, vector: torch.Tensor) -> torch.Tensor:
-        """``(2, n, widths[-1] / 2)``, in bfloat16 inside of ``torch.autocast``."""
+        """``(2, n, widths[-1] / 2)``, in the precision of ``torch.autocast`` inside of it."""
         kind = vector.device.type
         precision = torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else vector.dtype
         with torch.autocast(kind, enabled=False):
             for layer in self.layers:
-                vector = _activated(layer(vector, precision), layer.bias)  # pyright: ignore[reportArgumentType]
+                vector = activated(layer(vector, precision), layer.bias, layer.beside)  # pyright: ignore[reportArgumentType]
             return vector
 
 
@@ -181,30 +185,37 @@ class _Activation(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, pairs: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    def forward(ctx: Any, pairs: torch.Tensor, bias: torch.Tensor, beside: bool) -> torch.Tensor:
         ctx.save_for_backward(pairs, bias)
-        u, v = (_elu(each) for each in _channels(pairs, bias))
+        ctx.beside = beside
+        u, v = (_elu(each) for each in _channels(pairs, bias, beside))
         return torch.stack(_halves(u, v, pairs.dtype))
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         pairs, bias = ctx.saved_tensors
-        u, v = _channels(pairs, bias)
+        u, v = _channels(pairs, bias, ctx.beside)
         s, d = gradient.to(bias.dtype).unbind()
         du, dv = (math.sqrt(0.5) * g * torch.exp(x.clamp(max=0.0)) for g, x in ((s + d, u), (s - d, v)))
-        beside = torch.cat(_halves(du, dv, pairs.dtype), 1)
-        back = beside[None] if pairs.shape[0] == 1 else beside.view(len(u), 2, -1).transpose(0, 1)
-        return back, beside[:, : len(bias)].to(bias.dtype).sum(0)
+        halves = torch.cat(_halves(du, dv, pairs.dtype), 1)
+        back = halves[None] if ctx.beside else halves.view(len(u), 2, -1).transpose(0, 1)
+        return back, halves[:, : len(bias)].to(bias.dtype).sum(0), None
 
 
-def _activated(pairs: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-    """``(2, n, k)`` from ``(2, n, k)``, or ``(1, n, 2 k)`` side by side, and a bias ``(k,)``."""
-    return _Activation.apply(pairs, bias)  # pyright: ignore[reportReturnType]
+def activated(pairs: torch.Tensor, bias: torch.Tensor, beside: bool) -> torch.Tensor:
+    """ELU of each channel, in sums and differences ``(2, n, k)``.
+
+    Args:
+        pairs: sums and differences before the bias ``(2, n, k)``, or side by side ``(1, n, 2 k)``.
+        bias: of both channels of a pair ``(k,)``.
+        beside: whether they are side by side.
+    """
+    return _Activation.apply(pairs, bias, beside)  # pyright: ignore[reportReturnType]
 
 
-def _channels(pairs: torch.Tensor, bias: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _channels(pairs: torch.Tensor, bias: torch.Tensor, beside: bool) -> tuple[torch.Tensor, torch.Tensor]:
     """Both channels of each pair ``(n, k)``, before the activation."""
-    sums, differences = pairs[0].chunk(2, 1) if pairs.shape[0] == 1 else pairs.unbind()
+    sums, differences = pairs[0].chunk(2, 1) if beside else pairs.unbind()
     s, d = sums + bias, differences.to(bias.dtype)
     return math.sqrt(0.5) * (s + d), math.sqrt(0.5) * (s - d)
 

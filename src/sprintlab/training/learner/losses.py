@@ -121,7 +121,7 @@ def decide_and_value(
 
     Rollout and update both call this: the likelihood ratio then compares policies, not number formats.
     """
-    with torch.autocast(privileged.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
+    with torch.autocast(privileged.device.type, torch.float16, enabled=settings.precision == "float16"):
         mean, value = actor.decide(actor_input), critic(privileged)
     return mean.float(), value.float()
 

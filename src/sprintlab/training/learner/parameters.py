@@ -9,6 +9,7 @@ too few to fill a GPU with one block: its step took longer than the backward pas
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import torch
@@ -21,6 +22,8 @@ GRADIENT_NORM = 1.0
 """Greatest norm of a group's gradient; longer ones are scaled down to it."""
 DECAY, SQUARE_DECAY, EPSILON = 0.9, 0.999, 1e-8
 """Adam's, as PyTorch has them."""
+_SAMPLES = 256
+"""A mean over so many samples goes back through the layers as it is."""
 _ALIGNMENT = 32
 """Every tensor starts at a multiple of so many numbers (128 bytes): matrix kernels want aligned operands."""
 
@@ -62,11 +65,20 @@ class ParameterBlock:
         """What Adam remembers: both moments ``(size,)``, and the number of steps ``()``."""
         return [self._mean, self._square, self._count]
 
-    def descend(self, loss: torch.Tensor, workers: Workers) -> None:
-        """One step down the gradient of a loss ``()``, averaged over the processes."""
-        gradients = [gradient.reshape(-1) for gradient in torch.autograd.grad(loss, self.parameters)]
+    def descend(self, loss: torch.Tensor, workers: Workers, samples: int) -> None:
+        """One step down the gradient of a loss ``()``, averaged over the processes.
+
+        Args:
+            loss: a mean over ``samples``.
+            workers: the processes.
+            samples: so many; half precision loses a single sample's share of a mean over tens of thousands,
+                and the loss is made larger by a power of two before it goes back through the layers.
+        """
+        scale = 2.0 ** round(math.log2(max(1.0, samples / _SAMPLES)))
+        gradients = [gradient.reshape(-1) for gradient in torch.autograd.grad(scale * loss, self.parameters)]
         pieces = itertools.chain.from_iterable(zip(gradients, self._fillers, strict=True))
         torch.cat(list(pieces), out=self.gradient)
+        self.gradient.mul_(1.0 / scale)
         workers.average(self.gradient)
         self._adam()
 
