@@ -48,7 +48,7 @@ def monitors(**changed: float) -> Monitors:
         ({"gear_torque": 2.7}, "gear", 0.5),
         ({"leg_distance": 0.015}, "legs", 0.5),
         ({"leg_distance": -0.01}, "legs", 1.0),
-        ({"joint_speed": 1.025}, "joint_speed", 0.5),
+        ({"joint_speed": 1.0}, "joint_speed", 0.5),
         ({"stop_depth": 0.25}, "end_stop", 0.25),
         ({"gear_torque": float("nan")}, "gear", 1.0),
     ],

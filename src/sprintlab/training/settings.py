@@ -134,7 +134,7 @@ class ConstraintSettings:
     foot: Constraint = Constraint(limit=3.3, full=4.2, aim=0.015, caps=(0.1, 0.2, 0.2))
     gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
-    joint_speed: Constraint = Constraint(limit=0.95, full=1.1, aim=0.0005)
+    joint_speed: Constraint = Constraint(limit=0.95, full=1.05, aim=0.0005)
     end_stop: Constraint = Constraint(limit=0.0, full=1.0, aim=0.0005)
 
 

@@ -75,7 +75,7 @@ class BestExam:
 
     Attributes:
         iteration: at which it was examined.
-        held: speed within the audit's limits [m/s].
+        held: speed within the audit's limits, as far as it was asked for [m/s].
         cost: of transport there [-].
         policy: its weights by name.
     """
@@ -198,10 +198,10 @@ class Runner:
         started = time.perf_counter()
         result = self._examiner().run(self.growth.upper)
         self.last_exam, best = result, result.best
-        if best is not None and (self.best is None or self.best.beaten_by(best.held, best.cost)):
+        if best is not None and (self.best is None or self.best.beaten_by(best.reached, best.cost)):
             policy = {name: value.clone() for name, value in self.mean.items()}
             iteration = self.progress.iteration
-            self.best = BestExam(iteration=iteration, held=best.held, cost=best.cost, policy=policy)
+            self.best = BestExam(iteration=iteration, held=best.reached, cost=best.cost, policy=policy)
         seconds = self._agreed(time.perf_counter() - started)
         self.progress.seconds += seconds
         return {**result.row(), "exam/seconds": seconds}
