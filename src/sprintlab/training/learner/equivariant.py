@@ -168,7 +168,7 @@ def _weight_gradient(inputs: torch.Tensor, gradient: torch.Tensor) -> torch.Tens
     """``(i, o)`` from ``(n, i)`` and ``(n, o)``."""
     samples = len(inputs)
     parts = _PARTS if inputs.is_cuda and samples % _PARTS == 0 else 1
-    inputs, gradient = (each.view(parts, samples // parts, -1) for each in (inputs, gradient))
+    inputs, gradient = (each.view(parts, samples // parts, each.shape[1]) for each in (inputs, gradient))
     return torch.bmm(inputs.transpose(1, 2), gradient).sum(0)
 
 
@@ -198,7 +198,7 @@ class _Activation(torch.autograd.Function):
         s, d = gradient.to(bias.dtype).unbind()
         du, dv = (math.sqrt(0.5) * g * torch.exp(x.clamp(max=0.0)) for g, x in ((s + d, u), (s - d, v)))
         halves = torch.cat(_halves(du, dv, pairs.dtype), 1)
-        back = halves[None] if ctx.beside else halves.view(len(u), 2, -1).transpose(0, 1)
+        back = halves[None] if ctx.beside else halves.view(len(u), 2, len(bias)).transpose(0, 1)
         return back, halves[:, : len(bias)].to(bias.dtype).sum(0), None
 
 
