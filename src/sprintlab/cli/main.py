@@ -131,8 +131,9 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
     drawn = {"figure": None if figure is None else str(figure)} if draws else {}
     check_figure_path(figure)
     try:
-        with progress_bar(quiet=json) as progress:
-            if "progress" in inspect.signature(function).parameters:
+        reports = "progress" in inspect.signature(function).parameters
+        with progress_bar(quiet=json or not reports) as progress:
+            if reports:
                 given["progress"] = progress
                 progress("loading", None)
             found = function(**given)

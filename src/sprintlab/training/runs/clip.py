@@ -84,9 +84,7 @@ class Clips:
         self._process = None
         self._states.unlink(missing_ok=True)
         self.working = status == 0 and self._target.exists()
-        if not self.working:
-            with suppress(OSError):  # earlier clips lie there
-                self._folder.rmdir()
+        self._remove_empty_folder()
         return self._target if self.working else None
 
     def close(self) -> None:
@@ -95,6 +93,11 @@ class Clips:
             self._process.kill()
             self._process.wait()
             self._states.unlink(missing_ok=True)
+            self._remove_empty_folder()
+
+    def _remove_empty_folder(self) -> None:
+        with suppress(OSError):  # clips lie there
+            self._folder.rmdir()
 
 
 def _environment() -> dict[str, str]:

@@ -32,7 +32,7 @@ from sprintlab.training.settings_text import settings_toml
 
 POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
 _LONGEST_COMMAND = 2000
-_CLIP_SECONDS = 20.0
+_CLIP_SECONDS = 10.0
 """How long a training waits for its last clip [s]."""
 
 
