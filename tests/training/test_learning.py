@@ -64,7 +64,8 @@ def test_numbers_and_pictures_are_of_one_checkpoint(folder: Path, tmp_path: Path
     copy.write_bytes((folder / "checkpoint.pt").read_bytes())
     found = sl.learning(copy, progress=lambda what, share: copy.unlink() if what == "drawing" else None)
     assert found.numbers["iterations"] == 3
-    assert {Path(path).name for path in found.numbers["figures"]} == {"learning.png", "curriculum.png", "speeds.png"}
+    names = {Path(path).name for path in found.numbers["figures"]}
+    assert names == {"learning.png", "curriculum.png", "speeds.png"}
 
 
 def test_numbers_that_are_none_are_null(folder: Path, tmp_path: Path, capsys) -> None:
