@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sprintlab.control import Policy
     from sprintlab.deployment.controller import Controller, LoopReport
     from sprintlab.deployment.log import McapRunLog
-    from sprintlab.deployment.simulator import SimulatorReport
+    from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
     from sprintlab.robots import RobotDescription
 
 _LONGEST_TRUTH = 3600.0  # s, for whose samples there must be memory from the start
@@ -294,18 +294,8 @@ def robot_sim(
         SprintlabError: an option or the bus is refused, the controller stopped answering in lock-step, or the
             motion cannot be written.
     """
-    from sprintlab.deployment.bus import open_endpoint
-    from sprintlab.deployment.controller.realtime import real_time as scheduled
-    from sprintlab.deployment.simulator import (
-        LinkOptions,
-        PaceOptions,
-        SimulatedWorld,
-        SimulatorOptions,
-        run_simulator,
-    )  # fmt: skip
-    from sprintlab.deployment.simulator.options import TYPICAL_NOISE
+    from sprintlab.deployment.simulator import TYPICAL_NOISE, LinkOptions, PaceOptions, SimulatorOptions
     from sprintlab.plant import TrialSettings
-    from sprintlab.robots import load_robot
 
     link = LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
     options = SimulatorOptions(
@@ -328,22 +318,48 @@ def robot_sim(
     check_positive("distance", distance, "m")
     check_range("priority", priority, 1, 99)
     if truth is not None:
-        if duration is None:
-            raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
-        check_range("duration of a truth", duration, 0.0, _LONGEST_TRUTH, "s")
-        check_choice("truth's ending", Path(truth).suffix, (".npz",))
-        check_writable_file(truth)
+        _check_truth(Path(truth), duration)
+    asked = priority if real_time and not lock_step else None
+    report = _simulate(bus, robot or default_robot(), options, pace, asked, distance, truth, progress)
+    return _simulated(report)
+
+
+def _check_truth(truth: Path, duration: float | None) -> None:
+    """Refuse a file that cannot take the true motion of a simulation. Raises ``SprintlabError``."""
+    if duration is None:
+        raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
+    check_range("duration of a truth", duration, 0.0, _LONGEST_TRUTH, "s")
+    check_choice("truth's ending", truth.suffix, (".npz",))
+    check_writable_file(truth)
+
+
+def _simulate(
+    bus: str,
+    robot: str | Path,
+    options: SimulatorOptions,
+    pace: PaceOptions,
+    priority: int | None,
+    distance: float,
+    truth: Path | None,
+    progress: Progress,
+) -> SimulatorReport:
+    """Be a robot until Ctrl-C, or until the end that ``pace`` sets; write its true motion."""
+    from sprintlab.deployment.bus import open_endpoint
+    from sprintlab.deployment.controller.realtime import real_time
+    from sprintlab.deployment.simulator import SimulatedWorld, run_simulator
+    from sprintlab.robots import load_robot
+
     with ExitStack() as interruptible:  # left last, as in ``run``
         with closing(open_endpoint(bus)) as endpoint:
-            world, recorder = SimulatedWorld(load_robot(robot or default_robot()), options), None
-            if truth is not None and duration is not None:
+            world, recorder = SimulatedWorld(load_robot(robot), options), None
+            if truth is not None and pace.duration is not None:
                 from sprintlab.evaluation.recorder import Recorder
 
                 plant = world.robot.plant
-                recorder = Recorder(plant, ceil(duration * plant.options.record_rate) + 1)
+                recorder = Recorder(plant, ceil(pace.duration * plant.options.record_rate) + 1)
             remark(f"the robot is on {bus}; Ctrl-C ends it")
             interrupted = interruptible.enter_context(counted_interruptions())
-            with scheduled(priority) if real_time and not lock_step else nullcontext():
+            with nullcontext() if priority is None else real_time(priority):
                 report = run_simulator(
                     world,
                     endpoint,
@@ -358,7 +374,7 @@ def robot_sim(
             from sprintlab.evaluation.race_files import save_trajectory
 
             save_trajectory(Path(truth), recorder.trajectory())
-        return _simulated(report)
+    return report
 
 
 def _simulated(report: SimulatorReport) -> Result:
