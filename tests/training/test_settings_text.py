@@ -35,6 +35,9 @@ def test_a_part_that_is_off_begins_with_its_defaults() -> None:
 
 def test_a_file_changes_what_it_names(tmp_path) -> None:
     path = tmp_path / "settings.toml"
+    paper = method(preset="paper")
+    path.write_text(settings_toml(paper))
+    assert read_settings(path, method()) == paper  # no term of the default beside those of the file
     path.write_text("[ppo]\nsteps = 8\n")
     assert read_settings(path, method()) == with_changes(method(), {"ppo.steps": 8})
     path.write_text("[ppo]\nsteps = 0\n")

@@ -49,13 +49,18 @@ class Observable(NamedTuple):
     """Sign of each number in the mirror image, left for right; ``None``: those of joint angles."""
 
 
+def _signal(name: str) -> Callable[[Signals], Array]:
+    """A signal as it is."""
+    return lambda signals: getattr(signals, name)
+
+
 OBSERVABLES = {
-    "angular_velocity": Observable(lambda x: x.angular_velocity, 3, (-1.0, 1.0, -1.0)),
-    "projected_gravity": Observable(lambda x: x.projected_gravity, 3, (1.0, -1.0, 1.0)),
-    "command": Observable(lambda x: x.command, 3, (1.0, -1.0, -1.0)),
-    "joint_position": Observable(lambda x: x.joint_position, None, None),
-    "joint_velocity": Observable(lambda x: x.joint_velocity, None, None),
-    "previous_action": Observable(lambda x: x.previous_action, None, None),
+    "angular_velocity": Observable(_signal("angular_velocity"), 3, (-1.0, 1.0, -1.0)),
+    "projected_gravity": Observable(_signal("projected_gravity"), 3, (1.0, -1.0, 1.0)),
+    "command": Observable(_signal("command"), 3, (1.0, -1.0, -1.0)),
+    "joint_position": Observable(_signal("joint_position"), None, None),
+    "joint_velocity": Observable(_signal("joint_velocity"), None, None),
+    "previous_action": Observable(_signal("previous_action"), None, None),
 }
 """By the name that runs and policy files have for it: a new one changes no file that does not name it."""
 

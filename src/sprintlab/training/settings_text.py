@@ -84,14 +84,16 @@ def as_text(value: Any) -> str:
 
 
 def read_settings(path: Path, base: Settings) -> Settings:
-    """``base`` with what a TOML file says in place.
+    """``base`` with what a TOML file says in place; a file that says everything, as ``run.toml``, is whole.
 
     Raises:
         SprintlabError: the file cannot be read or is not TOML.
         InvalidValueError: as ``with_changes``, with the file's name.
     """
+    document = read_toml(path, what="settings")
+    whole = {field.name for field in fields(cast("Any", base))} <= set(document)
     try:
-        return cast("Settings", _value(type(base), read_toml(path, what="settings"), base, ""))
+        return cast("Settings", _value(type(base), document, None if whole else base, ""))
     except InvalidValueError as error:
         raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
 
