@@ -549,21 +549,19 @@ def _identified_numbers(found: Identification) -> dict[str, Any]:
     from sprintlab.workbench.identification import OPTIONAL_UNITS, PARAMETER_UNITS
 
     units = PARAMETER_UNITS | OPTIONAL_UNITS
+    estimates = {
+        name: {
+            "value": each.value, "half_width_95": each.half_width, "unit": units[name],
+            "determined": each.determined, "reason": each.reason,
+        }
+        for name, each in found.estimates.items()
+    }  # fmt: skip
     return {
         "trustworthy": found.trustworthy,
         "pole_pairs": found.pole_pairs,
         "peak_current": found.peak_current,
         "torque_constant": found.torque_constant,
-        "parameters": {
-            name: {
-                "value": estimate.value,
-                "half_width_95": estimate.half_width,
-                "unit": units[name],
-                "determined": estimate.determined,
-                "reason": estimate.reason,
-            }
-            for name, estimate in found.estimates.items()
-        },
+        "parameters": estimates,
         "channels": {
             fit.name: {
                 "noise": fit.noise,

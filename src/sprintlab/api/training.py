@@ -172,7 +172,7 @@ def train(
     Args:
         robot: name, folder or table of the robot, to which lengths, speeds and masses are scaled; that of the
             settings, or bp2, when left out. From Python also settings of a run, as ``sl.method`` gives them.
-        method: sprint (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
+        method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
             uniform-commands; literal-acs: commands that follow the robot and move toward nothing;
             no-saturation; after other papers: rlvrl, lp-acrl, after-hacl, hound, stride-prior.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
