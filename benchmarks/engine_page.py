@@ -19,19 +19,21 @@ def running_table() -> str:
     lines = ["| policy | step | held speed | stride | power | foot force | halving: speed, foot force |"]
     lines += ["|---|---|---|---|---|---|---|"]
     for policy, numbers in found.items():
-        steps = [step for step in numbers if step != "plant"]
-        for step, half in zip(steps, [*steps[1:], None], strict=True):
-            worst = _worst(numbers[step], numbers["plant"])
+        plant, spread = numbers.pop("plant"), numbers.pop("plant spread")
+        shares = [max(spread[v][name] / plant[v][name] for v in plant) for name in next(iter(plant.values()))]
+        lines.append(_row(policy, "plant, two trials", shares))
+        for step, half in zip(numbers, [*list(numbers)[1:], None], strict=True):
             halved = _worst(numbers[step], numbers[half]) if half else None
             last = "" if halved is None else f"{halved[0]:.1%}, {halved[3]:.1%}"
-            cells = [
-                policy,
-                f"{1e3 * float(step.split()[0]):g} ms",
-                *(f"{value:.1%}" for value in worst),
-                last,
-            ]
-            lines.append("| " + " | ".join(cells).replace("%", " %") + " |")
+            lines.append(
+                _row(policy, f"{1e3 * float(step.split()[0]):g} ms", _worst(numbers[step], plant), last)
+            )
     return "\n".join(lines)
+
+
+def _row(policy: str, step: str, shares: list[float], last: str = "") -> str:
+    cells = [policy, step, *(f"{share:.1%}" for share in shares), last]
+    return f"| {' | '.join(cells)} |".replace("%", " %")
 
 
 def _worst(ours: dict, theirs: dict) -> list[float]:

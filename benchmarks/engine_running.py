@@ -3,32 +3,43 @@
 python benchmarks/engine_running.py --output engine_running.json
 
 Each policy runs the profile with a hold of five seconds, once in the plant and, with several time steps, in
-the engine; numbers are means over the last three seconds of the hold. Two engine robots per speed differ by a
-thousandth of a radian in their joints, which shows what chance does.
+the engine; numbers are of the last three seconds of the hold. Given are medians of four robots of the engine
+and of two trials of the plant, which differ in their starts.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from sprintlab.commands import SpeedProfile, heading_command
+from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policies
 from sprintlab.engine import Engine, EngineOptions
 from sprintlab.evaluation.metrics import stride_frequency
 from sprintlab.evaluation.trial import TrialRequest, run_trial
+from sprintlab.plant import JOINT_NOISE, TrialSettings
 from sprintlab.robots import RobotDescription, load_robot
 
 STEPS = ((0.001, 20), (0.0005, 40), (0.00025, 80))
 SPEEDS = {"bp2": (3.0, 6.0, 9.0, 12.0), "go1": (1.5, 3.0, 4.5, 6.0), "go2": (1.5, 2.5, 3.5, 5.0)}
 HOLD, LAST, PERIOD = 5.0, 3.0, 0.02
-COPIES = 2
+COPIES, TRIALS = 4, 2
+FINER = 10
 NAMES = ("speed [m/s]", "stride [Hz]", "power [W]", "foot force [body weights]")
+
+
+def smooth(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Joint positions ``FINER`` times as often: cubics through positions and velocities of policy steps."""
+    t = (np.arange(FINER) / FINER)[None, :, None]
+    before, after, v, w = (values[:, None] for values in (place[:-1], place[1:], velocity[:-1], velocity[1:]))
+    bend = PERIOD * (v * t * (1 - t) ** 2 - w * t**2 * (1 - t))
+    cubic = before + (after - before) * t**2 * (3 - 2 * t) + bend
+    return cubic.reshape(-1, place.shape[1])
 
 
 class Runners:
@@ -43,7 +54,9 @@ class Runners:
         joints = [self.engine.mj_model.joint(name) for name in robot.joint_names]
         self.places = [int(joint.qposadr[0]) for joint in joints]
         self.rates = [int(joint.dofadr[0]) for joint in joints]
-        self.engine.qpos[1::2, self.places] += 1e-3
+        for row in range(n):
+            draw = np.random.default_rng(row % COPIES).uniform(-JOINT_NOISE, JOINT_NOISE, len(joints))
+            self.engine.qpos[row, self.places] += torch.tensor(draw, dtype=torch.float32)
         policy = load_policy(policy_path, robot)
         self.runtimes = [PolicyRuntime(policy, robot) for _ in range(n)]
         self.weight = self.engine.weight.numpy()
@@ -76,6 +89,7 @@ class Runners:
             rows.append(
                 [
                     e.qpos.double().numpy().copy(),
+                    e.qvel.double().numpy().copy(),
                     e.power.numpy().copy(),
                     e.foot_force.numpy().copy(),
                 ]
@@ -85,21 +99,22 @@ class Runners:
     def _numbers(self, row: int, steps: list[list[np.ndarray]]) -> tuple[float, ...]:
         end = round(self.profiles[row].hold_interval[1] / PERIOD)
         hold = steps[end - round(LAST / PERIOD) : end]
-        place, power, force = (np.array([step[k][row] for step in hold]) for k in range(3))
+        place, velocity, power, force = (np.array([step[k][row] for step in hold]) for k in range(4))
         if (place[:, 2] < 0.5 * self.engine.robot.standing_height).any():
             return (float("nan"),) * 4
         speed = (place[-1, 0] - place[0, 0]) / (LAST - PERIOD)
         return (
             float(speed),
-            stride_frequency(place[:, self.places], PERIOD),
+            stride_frequency(smooth(place[:, self.places], velocity[:, self.rates]), PERIOD / FINER),
             float(power.mean()),
             float(force.max()),
         )
 
 
-def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[float, ...]:
+def in_plant(policy_path: Path, robot: RobotDescription, speed: float, seed: int) -> tuple[float, ...]:
     """The same numbers from the plant."""
-    request = TrialRequest(top_speed=speed, hold=HOLD, keep_trajectory=True)
+    settings = TrialSettings(seed=seed, joint_noise=JOINT_NOISE)
+    request = TrialRequest(top_speed=speed, hold=HOLD, settings=settings, keep_trajectory=True)
     result = run_trial(load_policy(policy_path, robot), robot, request)
     moved = result.trajectory
     assert moved is not None and moved.bus_power is not None and moved.foot_impact is not None
@@ -107,67 +122,47 @@ def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[
     hold = (moved.time > end - LAST) & (moved.time <= end)
     if not hold.any() or moved.time[-1] < end:
         return (float("nan"),) * 4
-    time, every = moved.time[hold], round(PERIOD / (moved.time[1] - moved.time[0]))
-    weight = robot.total_mass * 9.81
-    speed_held = (moved.qpos[hold][-1, 0] - moved.qpos[hold][0, 0]) / (time[-1] - time[0])
+    time = moved.time[hold]
     return (
-        speed_held,
-        stride_frequency(moved.joint_position[hold][::every], PERIOD),
+        (moved.qpos[hold][-1, 0] - moved.qpos[hold][0, 0]) / (time[-1] - time[0]),
+        stride_frequency(moved.joint_position[hold], time[1] - time[0]),
         moved.bus_power[hold].mean(),
-        moved.foot_impact[hold].max() / weight,
+        moved.foot_impact[hold].max() / (robot.total_mass * GRAVITY),
     )
 
 
-def compare(
-    name: str, path: Path, robot: RobotDescription, known: dict | None
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Plant and engine at every time step and speed; prints the engine's numbers over the plant's."""
-    if known is None:
-        plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot.name]}
-    else:
-        plant = {float(speed): tuple(row.values()) for speed, row in known["plant"].items()}
-    result = {"plant": {f"{speed:g}": dict(zip(NAMES, row, strict=True)) for speed, row in plant.items()}}
+def compare(path: Path, robot: RobotDescription) -> dict[str, dict[str, dict[str, float]]]:
+    """Median and half of the spread of the plant's trials, and the engine's median at every time step."""
+    speeds = SPEEDS[robot.name]
+    found = {
+        "plant": np.array(
+            [[in_plant(path, robot, speed, seed) for seed in range(TRIALS)] for speed in speeds]
+        )
+    }
     for timestep, substeps in STEPS:
         rows = Runners(path, robot, timestep, substeps).run()
-        named = result[f"{timestep:g} s"] = {}
-        for index, (speed, expected) in enumerate(plant.items()):
-            both = np.array(rows[COPIES * index : COPIES * (index + 1)])
-            mean, spread = both.mean(0), np.ptp(both, 0)
-            named[f"{speed:g}"] = dict(zip(NAMES, mean.tolist(), strict=True))
-            ratio = np.round(mean / np.array(expected), 3)
-            print(
-                name,
-                timestep,
-                speed,
-                np.round(mean, 2),
-                "ratio",
-                ratio,
-                "spread",
-                np.round(spread, 2),
-                flush=True,
-            )
-    return result
+        found[f"{timestep:g} s"] = np.array(rows).reshape(len(speeds), COPIES, len(NAMES))
+    means = {name: np.median(values, axis=1) for name, values in found.items()}
+    means["plant spread"] = 0.5 * np.ptp(found["plant"], axis=1)
+    for name, values in means.items():
+        print(robot.name, name, np.round(values / means["plant"], 3).tolist(), flush=True)
+    return {
+        name: {
+            f"{speed:g}": dict(zip(NAMES, row, strict=True))
+            for speed, row in zip(speeds, values.tolist(), strict=True)
+        }
+        for name, values in means.items()
+    }
 
 
 def main() -> None:
     """Compare and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, required=True)
-    parser.add_argument("--policy", type=Path, action="append", help="more policies of bp2")
-    parser.add_argument("--only", help="a policy's name")
-    parser.add_argument("--plant", type=Path, help="an earlier file, whose numbers of the plant are kept")
-    arguments = parser.parse_args()
-    known = json.loads(arguments.plant.read_text(encoding="utf-8")) if arguments.plant else {}
+    output = parser.parse_args().output
     robots = {"sprint": "bp2", "go1-sprint": "go1", "go2-sprint": "go2"}
-    policies = [(name, path, robots[name]) for name, path in shipped_policies().items()]
-    policies += [(path.stem, path, "bp2") for path in arguments.policy or ()]
-    result = {
-        name: compare(name, path, load_robot(robot), known.get(name))
-        for name, path, robot in policies
-        if arguments.only in (None, name)
-    }
-    arguments.output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    print("wrote", arguments.output, file=sys.stderr)
+    result = {name: compare(path, load_robot(robots[name])) for name, path in shipped_policies().items()}
+    output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
