@@ -249,7 +249,7 @@ def _envelope_shown(title: str, numbers: dict[str, Any]) -> Iterator[RenderableT
     """Limits by speed, the models' ends and powers, the cost of the d-axis, the recorded run."""
     rows = numbers["rows"]
     names = [name.removesuffix(" upper") for name in rows[0] if name.endswith(" upper")]
-    headings = [SHORT_NAMES.get(name, name) for name in names]
+    headings = [str(SHORT_NAMES.get(name, name)) for name in names]
     limits = table(title, "speed", "", *headings, numbers=("speed", *headings))
     for row in rows:
         limits.add_row(_text(row["speed"]), "drive", *(_text(row[f"{name} upper"]) for name in names))
@@ -322,7 +322,7 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
     known = {each: load_library_motor(each) for each in (library_motors() if name is None else (name,))}
     numbers = [_actuator_numbers(each) for each in known.values()]
     whole: list[RenderableType] = [_comparison(numbers), LIBRARY_NOTE]
-    shown = whole if name is None else [_sources(numbers[0])]
+    shown: list[RenderableType] = whole if name is None else [_sources(numbers[0])]
     if name is not None and save is not None:
         save_motor(known[name].motor, save)
         shown.append(f"motor file: {save}")
