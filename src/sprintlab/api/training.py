@@ -204,26 +204,11 @@ def train(
     leave_to_the_parent()
     if not dry_run:
         require_training()
-    from sprintlab.training import methods
     from sprintlab.training.runs.options import TrainOptions, check_places
-    from sprintlab.training.settings import TrainingSettings
-    from sprintlab.training.settings_text import read_settings, settings_toml, to_plain, with_changes
+    from sprintlab.training.settings_text import settings_toml, to_plain
 
-    named = None
-    if isinstance(robot, TrainingSettings):
-        chosen = robot
-    else:
-        check_kind("robot", robot, str | Path | None)
-        named = None if robot is None else _robot_word(robot)
-        chosen = methods.method(method or methods.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
-    if settings is not None:
-        chosen = read_settings(Path(settings), chosen)
-        for name, typed in (("robot", named), ("method", method)):
-            if typed not in (None, getattr(chosen, name)):
-                raise InvalidValueError(name, typed, f"{settings} is for {getattr(chosen, name)}")
-    chosen, folder = with_changes(chosen, set), Path(output)
-    if seed is not None:
-        chosen = with_changes(chosen, {"seed": seed})
+    chosen = _chosen_settings(robot, method, preset, settings, set, seed)
+    folder = Path(output)
     options = TrainOptions(
         settings=chosen,
         output=folder,
@@ -250,6 +235,39 @@ def train(
 
     run(options)
     return _training_in(folder, chosen.robot)
+
+
+def _chosen_settings(
+    robot: Any,
+    method: str | None,
+    preset: str,
+    file: Path | str | None,
+    changes: Sequence[str],
+    seed: int | None,
+) -> TrainingSettings:
+    """The settings of a training; the arguments are those of ``train``.
+
+    Raises:
+        InvalidValueError: the file is for another robot or method than the typed one.
+    """
+    from sprintlab.training import methods
+    from sprintlab.training.settings import TrainingSettings
+    from sprintlab.training.settings_text import read_settings, with_changes
+
+    named = None
+    if isinstance(robot, TrainingSettings):
+        chosen = robot
+    else:
+        check_kind("robot", robot, str | Path | None)
+        named = None if robot is None else _robot_word(robot)
+        chosen = methods.method(method or methods.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
+    if file is not None:
+        chosen = read_settings(Path(file), chosen)
+        for name, typed in (("robot", named), ("method", method)):
+            if typed not in (None, getattr(chosen, name)):
+                raise InvalidValueError(name, typed, f"{file} is for {getattr(chosen, name)}")
+    chosen = with_changes(chosen, changes)
+    return chosen if seed is None else with_changes(chosen, {"seed": seed})
 
 
 def _no_curves() -> Figure:

@@ -17,6 +17,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, field, make_dataclass
 from pathlib import Path
 from types import UnionType
@@ -141,6 +142,8 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
         if isinstance(kept := getattr(error, "found", None), Result):
             _print(kept, json, drawn)
         raise
+    if isinstance(found, Playing):
+        return _play(found, json)
     _print(found, json, drawn)
     if figure is not None and isinstance(found, Drawn):
         from sprintlab.core.theme import save_figure
@@ -148,9 +151,15 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
         save_figure(figure, found.plot())
         if not json:
             stdout_console().print(f"figure: {figure}", soft_wrap=True)
-    if isinstance(found, Playing):
-        found.run()
     return found.status
+
+
+def _play(page: Playing, json: bool) -> int:
+    """Say where the page is, and serve it until Ctrl-C, which may come at once."""
+    with suppress(KeyboardInterrupt):
+        _print(page, json, {})
+        page.serve()
+    return page.status
 
 
 def _print(found: Result, json: bool, drawn: dict[str, str | None]) -> None:
