@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from sprintlab.control.pace import PaceContract
     from sprintlab.training.runs.sweep import RunStatus
+    from sprintlab.training.runs.sweep_plan import RunPlan
     from sprintlab.training.settings import TrainingSettings
 
 _LOG_LIMIT = 64 << 20
@@ -456,13 +457,7 @@ def sweep(
         device=device, save_seconds=save_seconds, preset=preset,
     )  # fmt: skip
     if dry_run:
-        found = [
-            {"run": plan.name, "folder": str(plan.folder), "done": plan.finished(), "hash": plan.digest()}
-            for plan in plans
-        ]
-        cells = ((r["run"], r["folder"], "finished" if r["done"] else "to do", r["hash"][:10]) for r in found)
-        shown = table(f"{len(found)} runs", "run", "folder", "state", "settings", rows=cells)
-        return Result(numbers=found, shown=[shown])
+        return _planned(plans)
     require_package("submitit", extra="sweep", use="a sweep")
     require_training()
     from sprintlab.training.runs import sweep as runs
@@ -496,6 +491,17 @@ def sweep(
         error.found = result()  # pyright: ignore[reportAttributeAccessIssue]
         raise
     return result()
+
+
+def _planned(plans: Sequence[RunPlan]) -> Result:
+    """What a sweep would train."""
+    found = [
+        {"run": plan.name, "folder": str(plan.folder), "done": plan.finished(), "hash": plan.digest()}
+        for plan in plans
+    ]
+    cells = ((r["run"], r["folder"], "finished" if r["done"] else "to do", r["hash"][:10]) for r in found)
+    shown = table(f"{len(found)} runs", "run", "folder", "state", "settings", rows=cells)
+    return Result(numbers=found, shown=[shown])
 
 
 def _status(runs: Sequence[RunStatus]) -> Table:
