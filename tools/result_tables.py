@@ -4,7 +4,7 @@
 
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. ``results/POLICY/result.json``
 is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
-``seeds.json`` exists (a list of ``{"seed", "held_speed_m_s"}``), the tables say median, worst and best seed.
+``seeds.json`` exists (``tools/judge_seeds.py`` writes it), the tables say median, worst and best seed.
 Of the default policy also ``lap.json`` (``sprintlab lap sprint --top-speed 10.5 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
