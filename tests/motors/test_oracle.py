@@ -15,7 +15,6 @@ import pytest
 from sprintlab.motors import (
     PmsmParameters,
     dq_currents,
-    mtpv_currents,
     no_load_speed,
     phase_voltage_limit,
     torque_limits,
@@ -187,7 +186,7 @@ def test_loci(seed):
     along = table.mtpv_locus(max_i_s=limit, N=9)
     for flux, current, torque in zip(along.psi_s[1:-1], along.i_s[1:-1], along.tau_M[1:-1], strict=True):
         speed = phase_voltage_limit(bus) / abs(flux) / motor.pole_pairs
-        ours = mtpv_currents(motor, speed, bus)
-        assert complex(ours.direct, ours.quadrature) == pytest.approx(current, abs=0.01 * abs(current))
         bound = torque_limits(motor, speed, bus, "flux-weakening")[1]
         assert bound == pytest.approx(torque, rel=0.01)
+        ours = dq_currents(motor, bound, speed, bus)
+        assert complex(ours.direct, ours.quadrature) == pytest.approx(current, abs=0.01 * abs(current))

@@ -26,7 +26,6 @@ from sprintlab.motors.files import save_motor as save_motor
 from sprintlab.motors.files import save_supply as save_supply
 from sprintlab.motors.flux_weakening import DqCurrents as DqCurrents
 from sprintlab.motors.flux_weakening import dq_currents as dq_currents
-from sprintlab.motors.flux_weakening import mtpv_currents as mtpv_currents
 from sprintlab.motors.flux_weakening import weakening_current as weakening_current
 from sprintlab.motors.gear import TURNING_SPEED as TURNING_SPEED
 from sprintlab.motors.gear import Gear as Gear

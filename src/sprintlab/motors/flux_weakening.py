@@ -119,19 +119,6 @@ def weakening_current(motor: PmsmParameters, torque: Array, speed: Array, bus_vo
     return _least_direct(plane, torque / constant)
 
 
-def mtpv_currents(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> DqCurrents:
-    """Currents with the greatest torque that the voltage allows, whatever the current: top of its disk.
-
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``speed``.
-        speed: mechanical motor speed [rad/s], any shape.
-        bus_voltage: DC bus [V], broadcasts with ``speed``.
-    """
-    plane = _current_plane(motor, speed, bus_voltage)
-    direct = plane.distance * plane.direct
-    return DqCurrents(direct, plane.distance * plane.quadrature + plane.radius)
-
-
 def flux_weakening_infeasible(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> Array:
     """Where no current within the current limit satisfies the voltage limit: ``w psi > V + I Z``."""
     return _current_plane(motor, speed, bus_voltage).empty
