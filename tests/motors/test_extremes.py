@@ -7,15 +7,10 @@ import pytest
 
 from sprintlab.motors import (
     MOTOR_MODELS,
-    Battery,
     PmsmParameters,
     critical_speed,
-    electrical_power,
-    loaded_voltage,
     no_load_speed,
-    open_circuit_voltage,
     phase_voltage_limit,
-    shared_bus_voltage,
     torque_limits,
     voltage_infeasible,
 )
@@ -144,36 +139,3 @@ def test_single_precision_stays_finite_and_ordered(corners, model, torch):
     assert torch.isfinite(lower).all()
     assert torch.isfinite(upper).all()
     assert (lower <= upper).all()
-
-
-@pytest.mark.parametrize("limit", [0.0, 1.0, 1000.0])
-@pytest.mark.parametrize("model", LIMITED)
-def test_a_bus_near_its_collapse_is_found(model, limit):
-    """Twelve strong motors on weak packs: the voltage is one that the drawn power leaves, to 0.5 mV.
-
-    Where a motor's interval closes, beyond its no-load speed, its ends move with the root of the voltage.
-    """
-    random = np.random.default_rng(7)
-    for _ in range(8):
-        flux, current = 5e-3 * random.uniform(0.4, 2.0), random.uniform(30.0, 150.0)
-        motor = PmsmParameters(
-            pole_pairs=20,
-            stator_resistance=random.uniform(0.005, 0.1),
-            q_axis_inductance=random.uniform(1e-6, 1e-4),
-            flux_linkage=flux,
-            peak_torque=30.0 * flux * current,
-            rotor_inertia=1e-4,
-        )
-        battery = Battery(internal_resistance=random.uniform(0.01, 1.0), regeneration_limit=limit)
-        charge = random.uniform(0.0, 1.0, 40)
-        speed = random.uniform(-2.5, 2.5, (40, 12)) * no_load_speed(motor, 50.0)
-        wanted = random.uniform(-1.5, 1.5, (40, 12)) * motor.peak_torque
-
-        def power_at(bus, motor=motor, speed=speed, wanted=wanted):
-            torque = np.clip(wanted, *torque_limits(motor, speed, bus[:, None], model))
-            return electrical_power(motor, torque, speed).sum(axis=-1)
-
-        bus = shared_bus_voltage(battery, charge, power_at)
-        highest = open_circuit_voltage(battery, charge) + battery.internal_resistance * limit
-        assert (bus <= highest + 1e-9).all()
-        np.testing.assert_allclose(bus, loaded_voltage(battery, charge, power_at(bus)), atol=5e-4)

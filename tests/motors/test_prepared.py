@@ -35,11 +35,9 @@ def test_equals_the_general_law_also_far_beyond_the_no_load_speed(model, torque,
         np.testing.assert_allclose(np.broadcast_to(got, 12), np.broadcast_to(wanted, 12), atol=1e-9)
 
 
-def test_refuses_a_voltage_of_zero_and_an_unknown_model():
+def test_refuses_a_voltage_of_zero():
     with pytest.raises(InvalidValueError, match="bus_voltage"):
         PreparedDrive(ROBOT.motors, ROBOT.gear, 0.0)
-    with pytest.raises(InvalidValueError, match="square"):
-        PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0, "cubic")
 
 
 def test_a_model_without_a_law_raises_everywhere(monkeypatch):

@@ -21,14 +21,6 @@ from sprintlab.motors import (
 )
 
 MOTORS = st.from_type(PmsmParameters)
-HEATS = st.builds(
-    WindingHeat,
-    heat_capacity=st.floats(1.0, 2000.0),
-    thermal_resistance=st.floats(0.05, 20.0),
-    ambient_temperature=st.floats(-20.0, 60.0),
-    reference_temperature=st.floats(0.0, 60.0),
-    magnet_share=st.floats(0.0, 1.0),
-)
 HOUSED = st.builds(
     HousedHeat,
     heat_capacity=st.floats(1.0, 500.0),
@@ -89,13 +81,6 @@ def test_a_hot_motor_keeps_its_current_and_turns_faster(motor, temperature):
     assert faster == pytest.approx(1.0 / float(flux_factor(heat, temperature)))
     more_heat = copper_loss(hot, hot.peak_torque) / copper_loss(motor, motor.peak_torque)
     assert more_heat == pytest.approx(float(resistance_factor(heat, temperature)))
-
-
-def test_no_temperature_gives_a_motor_that_divides_by_zero():
-    heat = WindingHeat(flux_coefficient=-0.01)
-    absurd = np.array([-1e4, -235.0, 1e4, 1e6])
-    assert (resistance_factor(heat, absurd) > 0).all()
-    assert (flux_factor(heat, absurd) > 0).all()
 
 
 def test_one_motor_an_element_in_numpy_and_torch(surrogate, torch):
