@@ -132,6 +132,15 @@ def test_slider_turns_its_knob(window, knobs, label, number, knob, value):
     knobs(**{knob: value})
 
 
+def test_the_robot_runs_as_the_slider_says_until_a_key_stops_it(window, knobs):
+    enter(window, "Speed (m/s)", 2)
+    window.wait_for_function("Number(document.getElementById('status').dataset.speed) > 1.5")
+    assert window.locator("svg.envelope circle").count() == 12
+    control(window, "Speed (m/s)", "input[@type='text' or @inputmode]").blur()
+    window.keyboard.press("x")
+    knobs(speed=0.0)
+
+
 def test_policy_and_motor_model_change_while_the_robot_runs(window, knobs):
     choose(window, "Policy", "again")
     knobs(policy="again")

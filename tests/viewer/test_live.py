@@ -3,7 +3,6 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
-from sprintlab.viewer.envelope_plot import EnvelopePlot
 from sprintlab.viewer.live import LivePlant, Session
 
 
@@ -90,18 +89,3 @@ def test_knobs_outside_their_range_are_refused_and_nothing_changes(session, chan
     with pytest.raises(InvalidValueError, match=next(iter(change))):
         session.turn(**change)
     assert session.knobs == before
-
-
-def test_session_needs_a_policy(robot):
-    with pytest.raises(InvalidValueError, match="number of policies"):
-        Session(robot, {})
-
-
-def test_envelope_drawing_shows_every_joint(robot):
-    plot = EnvelopePlot(robot)
-    speed, torque = np.zeros((3, 12)), np.ones((3, 12))
-    refined = plot.draw(speed, torque, "refined", 60.0)
-    assert refined.count("<circle") == 12
-    assert 'class="used"' not in refined
-    assert plot.draw(speed, torque, "square", 60.0).count('class="used"') == 3
-    assert plot.draw(speed, torque, "refined", 30.0) != refined

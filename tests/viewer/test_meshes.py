@@ -38,11 +38,6 @@ def test_every_body_with_geoms_has_a_surface(robot):
         assert enclosed_volume((surface.vertices, surface.faces)) > 0.0
 
 
-def test_model_without_visuals_shows_its_collision_geoms(robot):
-    surfaces = robot_surfaces(build_model(robot, ModelOptions(visuals=False)))
-    assert {surface.body for surface in surfaces} >= {f"{leg}_shank" for leg in robot.leg_names}
-
-
 def test_geoms_are_turned_and_moved_as_mujoco_does():
     text = """<mujoco><worldbody><body name="b"><freejoint/>
       <geom type="cylinder" size="0.1 0.5" pos="1 2 3" euler="90 0 0" group="2"/>

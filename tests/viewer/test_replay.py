@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 
 import mujoco
 import numpy as np
@@ -64,14 +63,6 @@ def test_every_robot_can_be_replayed_and_shown(name):
     assert robot.joint_names[0].replace("_", " ") in page
     drawing = EnvelopePlot(robot).draw(np.zeros((2, joints)), np.zeros((2, joints)), "refined", 20.0)
     assert drawing.count("<circle") == joints
-
-
-def test_no_name_ends_or_begins_a_script(recorded, robot):
-    """A comment that opens a script within the data would take the end of the data and all that follows."""
-    name = f"<!--<script>{MISCHIEF}"
-    page = render_replay(recorded, robot, ReplayText(title="A run", runner=name))
-    data = page.partition('id="data">')[2].partition("</script>")[0]
-    assert "<" not in data and json.loads(data)["runs"][0]["name"] == name
 
 
 @given(
@@ -258,10 +249,8 @@ def test_command_refuses_with_one_sentence(arguments, message, capsys, tmp_path,
     [
         ("time", lambda values: values[::-1], "time does not rise"),
         ("time", lambda values: values[0], "time has shape"),
-        ("time", lambda values: values.astype(str), "lacks time"),
         ("qpos", lambda values: np.where(values == values[9, 0], np.nan, values), "qpos holds"),
         ("command", lambda values: values[:100], "command has shape"),
-        ("velocity", lambda values: values[:, 0], "velocity has shape"),
     ],
 )
 def test_damaged_trajectories_are_refused(recorded, tmp_path, name, change, message):
@@ -278,19 +267,6 @@ def test_a_trajectory_of_another_robot_is_refused(recorded, robot, name, columns
     other = {**recorded, name: recorded[name][:, :columns]}
     with pytest.raises(SprintlabError, match=message):
         render_replay(other, robot, ReplayText(title="x"))
-
-
-@pytest.mark.parametrize(
-    "numbers",
-    ["{bad", "[1]", '{"robot": 5}'],
-    ids=["no json", "list", "robot"],
-)
-def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numbers, capsys):
-    shutil.copy(trajectory_file, tmp_path)
-    (tmp_path / "result.json").write_text(numbers)
-    assert main(["replay", str(tmp_path)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not (tmp_path / "replay.html").exists()
 
 
 def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, capsys):
