@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import drive_torque, load_library_motor
-from sprintlab.robots import JointMotors, robot_motors
+from sprintlab.motors import drive_torque
+from sprintlab.robots import robot_motors
 
 torch = pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[train]'")
 
@@ -121,14 +121,6 @@ def test_the_actuator_gives_the_law_of_each_joints_motor(stage, model):
     assert given.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-3)
     assert given.shape == (5, 12) and given.dtype == torch.float32
     assert not np.allclose(given, wanted)
-
-
-def test_one_motor_drives_joints_of_any_name(stage):
-    found = load_library_motor("mit-mini-cheetah")
-    motors = JointMotors(motor=found.motor, gear=found.gear, bus_voltage=found.bus_voltage)
-    wanted, given, speed = driven(built(stage, ("a", "b"), motors))
-    expected = drive_torque(found.motor, found.gear, wanted.numpy(), speed.numpy(), found.bus_voltage).torque
-    assert given.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-3)
 
 
 def test_each_environment_has_a_bus_voltage_of_its_own(stage):

@@ -178,9 +178,3 @@ def test_several_motors_in_one_element_are_refused():
         dc_motor(stack_motors([actuator.motor, actuator.motor]), actuator.gear, 24.0)
     with pytest.raises(InvalidValueError, match="bus_voltage"):
         dc_motor(actuator.motor, actuator.gear, -1.0)
-
-
-def test_names_of_joints_are_quoted():
-    actuator = load_library_motor("mit-mini-cheetah")
-    element = dc_motor(actuator.motor, actuator.gear, 24.0)
-    assert 'joint="it\'s &lt;left&gt;"' in element.element("it's <left>")

@@ -129,14 +129,6 @@ def test_the_law_is_that_of_the_motor_package(build, model):
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-def test_models_differ(build):
-    command = random_command(2, seed=1)
-    command.vel[:], command.position_target[:] = 22.0, command.pos + 5.0
-    torques = {model: build(model=model).compute(command) for model in MOTOR_MODELS}
-    assert torch.all(torques["simplified-dc"] < torques["square"])
-    assert torch.all(torques["refined"] < torques["simplified-dc"])
-
-
 def test_groups_with_different_motors_fuse_into_one(build):
     strong = motor(peak_torque=8.0, flux_linkage=5e-3)
     groups = [build(), build(first_joint=2, motors=motors(strong, ratio=9.0))]
@@ -199,15 +191,6 @@ def test_nothing_in_the_law_waits_for_the_device(build, model, i2t):
     command = random_command(2)
     empty = ActuatorCmd(**{name: value.to("meta") for name, value in vars(command).items()})
     assert type(actuator).control_law(params, empty).shape == (ENVIRONMENTS, 2)
-
-
-def test_each_model_is_a_type_of_its_own(build):
-    assert actuator_type("refined") is actuator_type("refined")
-    fused, _ = FusedActuatorGroup.process([build(), build(first_joint=2, model="square")])
-    assert len(fused._groups) == 2
-    assert type(build()) is actuator_type("refined") is actuator_type("refined", limited=False)
-    with pytest.raises(InvalidValueError, match="model"):
-        actuator_type("brushed")
 
 
 def test_each_joint_has_the_motor_of_its_name(build):

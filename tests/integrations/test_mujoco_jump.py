@@ -2,12 +2,11 @@
 
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sprintlab.motors import Gear, drive_torque, no_load_speed
+from sprintlab.motors import drive_torque
 
 LEGS = {"FR": (0.19, -0.14), "FL": (0.19, 0.14), "RR": (-0.19, -0.14), "RL": (-0.19, 0.14)}
 PEAKS = {"hip": 23.7, "thigh": 23.7, "calf": 45.43}
@@ -57,21 +56,6 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     np.testing.assert_allclose(refined.delivered, np.clip(law, -peaks, peaks), atol=1e-9)
     assert 0.2 < example.impossible_share(own, drives) < 1.0
     assert example.impossible_share(refined, drives) < 1e-6
-
-
-def test_dc_motors_jump_as_a_law_without_inductance_and_losses(example, tmp_path):
-    """At every step of the jump MuJoCo's motors give the simplified law's torque."""
-    robot, text = example.load_robot("go2"), example.load_text(tmp_path / "go2.xml")
-    model = example.compiled(text, robot)
-    drives = example.drives(model, robot)
-    motor, gear, _ = drives
-    other, volts = example.on_dc_motors(text, model, drives)
-    found = example.jump(example.compiled(other, robot), control=volts)
-    simple = replace(motor, saturation=np.zeros(12), q_axis_inductance=np.zeros(12))
-    ideal = Gear(ratio=gear.ratio, efficiency=np.ones(12))
-    law = drive_torque(simple, ideal, found.asked, found.speed, robot.bus_voltage).torque
-    slow = np.abs(found.speed) < 0.99 * no_load_speed(motor, robot.bus_voltage) / gear.ratio
-    np.testing.assert_allclose(found.delivered[slow], law[slow], rtol=1e-5, atol=1e-3)
 
 
 def test_gears_stand_where_the_models_actuators_stand(example, tmp_path):

@@ -28,11 +28,6 @@ def recorder(name):
     return module.record
 
 
-@pytest.mark.parametrize("name", ["isaac_lab", "mjlab", "mujoco_playground"])
-def test_a_recorder_has_fewer_than_thirty_lines(name):
-    assert len((FOLDER / f"{name}.py").read_text().splitlines()) < 30
-
-
 def judged(path):
     rollout = load_rollout(path)
     return rollout, audit_rollout(rollout, robot_motors("go1"))
