@@ -84,7 +84,6 @@ def test_every_mismatch_is_refused_by_name(contract, robot, change, field):
         {"position_limits": ()},
         {"position_limits": ((-1.0, 1.0),) * 11},
         {"action_limit": 0.0},
-        {"action_limit": 1e308},
         {"policy_rate_hz": float("inf")},
     ],
 )
@@ -99,7 +98,6 @@ def test_impossible_contracts_are_refused(contract, change):
     [
         ({"format_version": 99}, "format 99"),
         ({"unheard_of": 1}, "unheard_of"),
-        ({"stiffness": "160"}, "stiffness"),
         ({"stiffness": [160.0]}, "stiffness"),
         ({"seed": None}, "seed"),
     ],

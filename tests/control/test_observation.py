@@ -78,12 +78,10 @@ def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
     [
         {"terms": {"angular_velocity": 0.0}},
         {"terms": {"joint_velocity": -1.0}},
-        {"terms": {"joint_velocity": 1e308}},
         {"terms": {"command": (0.25, 1.0)}},
         {"terms": {"command": (0.25, float("nan"), 1.0)}},
         {"terms": {"smell": 1.0}},
         {"history_length": 0},
-        {"history_length": 1001},  # a checkpoint's 10^9 ended train --resume and export in a traceback
         {"history_length": 2.5},
     ],
 )

@@ -68,8 +68,6 @@ def test_after_a_reset_a_robot_that_is_asked_to_stand_is_held_at_once(hold):
         ("hold_speed", {"hold_speed": 0.0}),
         ("release_tilt", {"release_tilt": 2.0}),
         ("blend_time", {"blend_time": float("nan")}),
-        ("hold_speed", {"hold_speed": 1e300}),
-        ("blend_time", {"blend_time": 5e-324}),
     ],
 )
 def test_impossible_holds_are_refused(field, values):
