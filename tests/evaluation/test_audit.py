@@ -46,6 +46,8 @@ def test_a_clean_run_passes_and_every_line_is_tested(make_metrics):
     said = [words for *_, words in LINES]
     untested = {item.name for item in report.items if not any(text.startswith(item.name) for text in said)}
     assert untested == NEEDS_A_COMMAND
+    for item in report.to_dict()["items"]:
+        assert item["note"] and item["source"] and item["bound"] in ("at most", "at least")
 
 
 @pytest.mark.parametrize(("field", "offender", "good", "words"), LINES, ids=[line[0] for line in LINES])
@@ -55,11 +57,6 @@ def test_an_offender_fails_its_own_line_and_who_keeps_the_limit_passes(
     report = audit_trials([make_metrics(), *[make_metrics(**{field: offender})] * 3])
     assert [audit_failure(item) for item in report.failed] == [words]
     assert audit_trials([make_metrics(**{field: good})]).passed
-
-
-def test_every_line_says_why_and_where_its_limit_comes_from(make_metrics):
-    for item in audit_trials([make_metrics()]).to_dict()["items"]:
-        assert item["note"] and item["source"] and item["bound"] in ("at most", "at least")
 
 
 @pytest.mark.parametrize(
@@ -76,10 +73,6 @@ def test_the_median_keeps_the_limit_and_no_trial_misses_it_by_more_than_15_perce
     report = audit_trials([make_metrics(foot_force=force) for force in forces])
     assert report.passed == passed
     assert [audit_failure(item) for item in report.failed] == [words] * (not passed)
-
-
-def test_one_locked_stride_among_many_is_no_locked_gait(make_metrics):
-    assert audit_trials([make_metrics(), make_metrics(stride_frequency=6.25), make_metrics()]).passed
 
 
 def test_a_foot_that_never_touches_is_named_from_one_metre_a_second_on(make_metrics):

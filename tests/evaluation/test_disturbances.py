@@ -55,16 +55,6 @@ def test_the_policy_is_asked_when_the_clock_says_so(standing_policy, robot, monk
     assert len(asked) == pytest.approx(end * 25.0, abs=1.5)
 
 
-def test_without_disturbances_everything_passes_unchanged(robot):
-    calm = Disturbances(robot, TrialSettings(), 1000.0)
-    for value, was in zip(calm.measured(READING), READING, strict=True):
-        np.testing.assert_array_equal(value, was)
-    targets = np.arange(12.0)
-    for _ in range(2):
-        ((held, steps),) = calm.delivered(targets, 20)
-        assert steps == 20 and (held == targets).all()
-
-
 def test_noise_fills_its_band_and_follows_the_seed(robot):
     def readings(seed):
         noisy = Disturbances(robot, TrialSettings(seed=seed, sensor_noise=2.0), 1000.0)

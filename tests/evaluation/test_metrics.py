@@ -8,7 +8,6 @@ import pytest
 
 from sprintlab.evaluation.metrics import (
     GRAVITY,
-    _refined_period,
     angular_cost,
     envelope_share,
     final_speed,
@@ -91,16 +90,6 @@ def test_powers_and_cost_of_transport(make_trajectory, robot):
     assert metrics.cost_of_transport == pytest.approx(expected)
     ratio = 3.0 * robot.gear.ratio / no_load_speed(robot.motors, robot.bus_voltage)
     np.testing.assert_allclose(metrics.joint_speed_ratio, ratio)
-
-
-def test_a_period_that_grows_from_repeat_to_repeat_ends_the_search_and_not_the_evaluation():
-    random = np.random.default_rng(0)
-    for _ in range(30_000):
-        count = int(random.integers(20, 120))
-        correlation = np.convolve(random.normal(size=count), np.ones(3) / 3, "same")
-        lag = int(random.integers(2, count // 2))
-        if correlation[lag] > correlation[lag - 1] and correlation[lag] >= correlation[lag + 1]:
-            assert _refined_period(correlation, lag) > 0.0
 
 
 @pytest.mark.parametrize(

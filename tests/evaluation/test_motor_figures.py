@@ -40,15 +40,3 @@ def test_an_envelope_closes_unless_it_leaves_the_picture(drive, model):
     right = axis.get_xlim()[1]
     gap = abs(upper[1, -1] - lower[1, -1]) / (2.0 * drive.peak_torque)
     assert upper[0, -1] == pytest.approx(right) or gap < 1e-3
-
-
-def test_labels_of_power_stand_inside_the_envelope(drive):
-    inside = workbench_figure(drive, "servo").axes[1]
-    texts = [text for text in inside.texts if text.get_text().endswith(" W")]
-    assert texts
-    edge, floor = (line.get_data() for line in inside.get_lines()[:2])
-    for text in texts:
-        speed, torque = text.get_position()
-        assert np.interp(speed, *floor) < torque < np.interp(speed, *edge) or np.interp(
-            speed, *edge
-        ) < torque < np.interp(speed, *floor)

@@ -169,10 +169,6 @@ def test_a_foot_that_never_touches_is_named(rollout, tmp_path):
     contact = np.repeat(rollout.foot_contact, 4, axis=1) * [1, 1, 1, 0]
     path = saved(tmp_path / "a.npz", rollout, foot_contact=contact, foot_velocity=None, foot_names=LEGS)
     assert "never on the ground: RR\n" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
-    path = saved(tmp_path / "a.npz", rollout, foot_contact=0.0 * contact, foot_velocity=None)
-    printed = str(sl.audit_rollout(path, motor=ACTUATOR.name))
-    assert "never on the ground: foot 0, foot 1, foot 2, foot 3\n" in printed
-    assert "no foot both touches down and lifts off" in printed
     path = saved(tmp_path / "a.npz", rollout, foot_contact=None, foot_velocity=None)
     assert "foot_contact was not recorded" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
 
@@ -218,11 +214,6 @@ def test_the_command_answers_and_draws(rollout, tmp_path, capsys):
 def test_the_picture_has_one_panel_per_joint(rollout):
     figure = rollout_figure(rollout, MOTORS)
     assert [axis.get_title("left") for axis in figure.axes] == ["hip", "knee"]
-    many = replace(
-        rollout, joint_names=(), **dict.fromkeys(("joint_velocity", "joint_torque"), np.zeros((COUNT, 49)))
-    )
-    with pytest.raises(InvalidValueError, match="joints of a figure = 49 is not allowed"):
-        rollout_figure(many, MOTORS)
 
 
 @pytest.mark.parametrize(
@@ -231,35 +222,15 @@ def test_the_picture_has_one_panel_per_joint(rollout):
         ("time,joint_velocity_0\n0,1\n1,2\n", "joint_torque must be among them"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,1\n0,1,1\n", "rising"),
         ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,1\n", "table of numbers"),
-        ("time,joint_velocity_0,time,joint_torque_0\n0,1,9,1\n1,1,8,1\n", "3 of them different"),
         ("time,joint_velocity_a,joint_torque_b\n0,1,1\n1,1,1\n", "the names of joint_velocity: a"),
-        ("time,joint_velocity_0,joint_torque_0,foot_contact_FL,foot_velocity_FL_x\n0,1,1,1,1\n1,1,1,1,1\n",
-         "columns _x and _y"),
         ("", "no header and two samples"),
     ],
-    ids=["no-torque", "time", "short-row", "twice", "other-names", "half-a-foot", "empty"],
-)  # fmt: skip
+    ids=["no-torque", "time", "short-row", "other-names", "empty"],
+)
 def test_unusable_recordings_are_refused(tmp_path, text, message):
     (tmp_path / "run.csv").write_text(text)
     with pytest.raises(SprintlabError, match=message):
         load_rollout(tmp_path / "run.csv")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"joint_names": np.array("hip")},
-        {"joint_torque": np.array([["1", "1"]] * 9)},
-        {"joint_velocity": np.ones((9, 0)), "joint_torque": np.ones((9, 0))},
-        {"foot_contact": np.ones((9, 1)), "foot_velocity": np.ones((9, 2, 2))},
-    ],
-)
-def test_tables_of_another_shape_are_refused(tmp_path, capsys, change):
-    sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
-    np.savez(tmp_path / "a.npz", **(sound | change))
-    assert main(["audit", str(tmp_path / "a.npz"), "--motor", ACTUATOR.name]) == 2
-    said = capsys.readouterr().err
-    assert "is not allowed" in said and said.count("\n") == 1
 
 
 def test_slip_is_that_of_each_whole_stance():

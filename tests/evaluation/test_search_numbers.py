@@ -2,7 +2,7 @@
 
 import pytest
 
-from sprintlab.api.evaluations import audit_failures, number_table, protocol_numbers
+from sprintlab.api.evaluations import audit_failures, protocol_numbers
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 
 
@@ -42,10 +42,3 @@ def test_evaluate_audits_the_clock_by_its_median(make_speed):
     for speed, failed in ((mixed, []), (locked, ["stride period from policy clock"])):
         numbers = protocol_numbers(ProtocolResult(self_paced=False, speeds=(speed,)))
         assert numbers["fastest"]["audit_failed"] == failed
-
-
-def test_nothing_passed_is_told_as_dashes():
-    numbers = protocol_numbers(ProtocolResult(self_paced=False, speeds=()))
-    assert numbers["fastest"] is None and numbers["fastest_with_audit_passed"] is None
-    table = number_table("none", {"raw": numbers})
-    assert set(table.columns[1].cells) == {"-"}

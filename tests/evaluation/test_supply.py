@@ -17,18 +17,18 @@ from sprintlab.motors import (
     open_circuit_voltage,
     resistance_factor,
 )
-from sprintlab.plant import PlantOptions
 
 
 @pytest.fixture(scope="module")
 def supplied(standing_policy, robot):
     charged = {"battery": Battery(), "state_of_charge": 0.6}
-    plant = replace(COARSE, **charged, heat=WindingHeat(), winding_temperature=90.0)
+    limit = I2tLimit(continuous_current=50.0, time_constant=10.0)
+    plant = replace(COARSE, **charged, heat=WindingHeat(), winding_temperature=90.0, i2t=limit)
     request = TrialRequest(top_speed=0.5, hold=0.5, plant=plant, keep_trajectory=True)
     return run_trial(load_policy(standing_policy), robot, request)
 
 
-def test_voltage_loss_and_temperature_are_recorded(supplied):
+def test_voltage_loss_temperature_and_i2t_are_recorded(supplied):
     trajectory = supplied.trajectory
     count = len(trajectory.time)
     assert trajectory.bus_voltage.shape == (count,)
@@ -36,6 +36,8 @@ def test_voltage_loss_and_temperature_are_recorded(supplied):
     assert {"bus_voltage", "copper_loss", "winding_temperature"} <= set(trajectory.arrays())
     assert supplied.metrics.lowest_bus_voltage == trajectory.bus_voltage.min()
     assert supplied.metrics.hottest_winding == trajectory.winding_temperature.max()
+    assert trajectory.i2t_level.shape == (count, 12)
+    assert 0.0 < supplied.metrics.highest_i2t_level == trajectory.i2t_level.max() <= 1.0
     source = float(open_circuit_voltage(Battery(), 0.6))
     assert 0.9 * source < supplied.metrics.lowest_bus_voltage < source
     assert 80.0 < trajectory.winding_temperature.min() < supplied.metrics.hottest_winding < 95.0
@@ -49,28 +51,3 @@ def test_powers_are_those_of_the_warm_windings(supplied, robot):
     loaded = cold > 0.1
     expected = resistance_factor(WindingHeat(), 90.0)  # and a little for the weaker magnets
     assert np.median(warmer[loaded]) == pytest.approx(expected / 0.964**2, rel=0.02)
-
-
-def test_a_plain_trial_records_none_of_it(standing_policy, robot):
-    request = TrialRequest(top_speed=0.5, hold=0.5, plant=COARSE, keep_trajectory=True)
-    trial = run_trial(load_policy(standing_policy), robot, request)
-    assert trial.metrics.lowest_bus_voltage is None and trial.metrics.hottest_winding is None
-    assert "winding_temperature" not in trial.trajectory.arrays()
-
-
-def test_i2t_is_recorded_and_can_cost_the_run(standing_policy, robot):
-    plant = PlantOptions(i2t=I2tLimit(continuous_current=8.0, time_constant=1.0))
-    request = TrialRequest(top_speed=0.5, hold=0.5, plant=plant, keep_trajectory=True)
-    trial = run_trial(load_policy(standing_policy), robot, request)
-    level = trial.trajectory.i2t_level
-    assert level.shape == trial.trajectory.motor_torque.shape
-    assert (np.diff(level[:50].max(axis=1)) > 0.0).all()
-    assert trial.metrics.highest_i2t_level == level.max() <= 1.0
-    current = np.abs(trial.trajectory.motor_torque / robot.motors.torque_constant)
-    assert (current[1:][level[:-1] > 1.0 - 1e-9] < 8.01).all()
-
-
-def test_the_plant_says_how_it_differs():
-    assert PlantOptions().remarks == ()
-    plant = PlantOptions(motor_model="flux-weakening", battery=Battery(), heat=WindingHeat())
-    assert [remark.split()[0] for remark in plant.remarks] == ["motor", "a", "windings"]

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.short_trials import COARSE
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.theme import png_bytes
@@ -30,7 +29,6 @@ from sprintlab.evaluation.turning import (
     TurningMap,
     TurningPoint,
     TurningSettings,
-    turning_map,
     turning_rows,
 )
 from sprintlab.plant import BaseState
@@ -134,7 +132,6 @@ def test_a_policy_that_falls_is_counted(make_policy, robot, tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("all-000001.json", "{", r"all-000001\.json.*remove it"),
         ("all-000001.json", '{"group": "all", "seed": "one"}', r"all-000001\.json.*remove it"),
         ("study.json", "[]", "tells of no study"),
         ("study.json", '{"top_speed": 3.0}', "another policy"),
@@ -144,12 +141,6 @@ def test_a_folder_with_a_damaged_file_or_of_another_study_is_refused(pool, tmp_p
     run_study(pool, replace(SHORT, trials=1), tmp_path)
     (tmp_path / name).write_text(text)
     with pytest.raises(SprintlabError, match=said):
-        run_study(pool, SHORT, tmp_path)
-
-
-def test_a_folder_with_other_files_is_refused(pool, tmp_path):
-    (tmp_path / "letter.txt").write_text("mine")
-    with pytest.raises(SprintlabError, match="other files"):
         run_study(pool, SHORT, tmp_path)
 
 
@@ -275,22 +266,12 @@ def test_only_moderate_turns_make_the_least_gain_and_a_fall_makes_it_undefined()
     assert "m/s" in axis.get_xlabel() and "rad/s" in axis.get_ylabel()
 
 
-def test_a_policy_that_stands_does_not_turn(pool):
-    settings = TurningSettings(speeds=(0.0,), fractions=(-0.5, 0.5), turn=2.0, plant=COARSE)
-    found = turning_map(pool, settings)
-    assert found.falls == 0 and abs(found.least_gain) < 0.02
-
-
 @pytest.mark.parametrize(
     ("settings", "values", "field"),
     [
-        (GroundSettings, {"top_speed": 17.0}, "ground.top_speed"),
-        (GroundSettings, {"top_speed": 9.0, "slope": 0.0}, "ground.slope"),
         (GroundSettings, {"top_speed": 9.0, "roughness": 0.5}, "ground.roughness"),
-        (TurningSettings, {"speeds": ()}, "turning.speeds"),
         (TurningSettings, {"fractions": (1.5,)}, "turning.fractions"),
         (TurningSettings, {"turn": 1.0}, "turning.turn"),
-        (StudySettings, {"top_speed": 9.0, "trials": 0}, "robustness.trials"),
     ],
 )
 def test_bad_settings_are_refused(settings, values, field):
