@@ -11,12 +11,10 @@ from sprintlab.commands import (
     AdaptiveSchedule,
     CommandGrid,
     CommandStep,
-    GridBins,
     TargetSampling,
     UniformSchedule,
     initial_state,
 )
-from sprintlab.core.errors import InvalidValueError
 
 GRID = CommandGrid()
 LIKE = np.zeros(1)
@@ -41,20 +39,6 @@ def test_bins_are_drawn_in_proportion_to_their_weights() -> None:
     fast = bins.row == 20
     assert fast.mean() == pytest.approx(0.75, abs=0.02)
     assert set(zip(bins.row.tolist(), bins.column.tolist(), strict=True)) == {(10, 2), (20, 4)}
-
-
-def test_a_success_opens_its_bin_and_the_eight_around_it_however_many_succeed() -> None:
-    weights = np.zeros((GRID.rows, GRID.yaw_bins))
-    bins = GridBins(np.array([5, 5, 9]), np.array([2, 2, 0]))
-    learned = GRID.learn(weights, bins, np.array([True, True, False]))
-    expected = np.zeros_like(weights)
-    expected[4:7, 1:4] = GRID.gain
-    expected[5, 2] = 2 * GRID.gain
-    np.testing.assert_allclose(learned, expected)
-    for _ in range(10):
-        learned = GRID.learn(learned, bins, np.array([True, True, True]))
-    assert learned.max() == 1.0
-    assert learned[8:11, 0:2].min() == 1.0
 
 
 @given(speed=st.floats(-2.0, 13.999), yaw_rate=st.floats(-1.0, 0.999))
@@ -89,15 +73,3 @@ def test_schedules_draw_from_the_grid_except_the_uniform_one() -> None:
         in_bin[type(schedule)] = ((bins.row == 6) & (bins.column == 0)).mean()
     assert in_bin[AdaptiveSchedule] == pytest.approx(share, abs=0.03)
     assert in_bin[UniformSchedule] < 0.05
-
-
-def test_impossible_grids_are_refused() -> None:
-    for field, value in {
-        "speed": (3.0, 2.0),
-        "speed_bin": 2e-6,  # eight million rows take all memory
-        "yaw_bins": 0,
-        "gain": 1.5,
-        "linear_success": -0.1,
-    }.items():
-        with pytest.raises(InvalidValueError, match=field):
-            CommandGrid(**{field: value})

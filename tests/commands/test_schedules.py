@@ -12,7 +12,6 @@ from sprintlab.commands import (
     initial_state,
     limit_yaw_rate,
 )
-from sprintlab.core.errors import InvalidValueError
 
 SCHEDULES = (AdaptiveSchedule(), UniformSchedule(), FixedAccelerationSchedule())
 DT = 0.02
@@ -141,20 +140,6 @@ def test_scaled_turns_keep_their_share_of_what_friction_allows(share, speed, fri
     assert abs(speed * fastest[0]) <= 0.8 * friction * 9.81 + 1e-9
 
 
-def test_ramps_move_the_command_at_their_acceleration_whatever_the_robot_does():
-    schedule = AdaptiveSchedule(targets=TargetSampling(persistence=(60.0, 60.0)), ramp_share=0.4)
-    generator = np.random.default_rng(15)
-    reset_mask = {"reset_mask": np.ones(4000, dtype=bool), "speed": np.zeros(4000)}
-    state = advance(schedule, initial_state(4000, np.zeros(1)), draw_inputs(generator, 4000) | reset_mask)
-    ramped = state.acceleration > 0.0
-    assert ramped.mean() == pytest.approx(0.4, abs=0.03)
-    for _ in range(30):
-        before, state = state, advance(schedule, state, draw_inputs(generator, 4000))
-        step = np.abs(state.command[:, 0] - before.command[:, 0])[ramped]
-        left = np.abs(before.target_speed - before.command[:, 0])[ramped]
-        np.testing.assert_allclose(step, np.minimum(left, state.acceleration[ramped] * DT), atol=1e-12)
-
-
 def test_target_distribution():
     targets = TargetSampling(top_share=0.5, backward_share=0.2)
     random = np.random.default_rng(8).random((100_000, 8))
@@ -203,19 +188,26 @@ def test_uniform_command_is_the_target_at_once():
     assert np.mean(nonzero) == pytest.approx((9.0 - 2.0) / 2, abs=0.15)
 
 
-def test_fixed_acceleration_moves_steadily_to_the_target():
-    generator = np.random.default_rng(12)
-    schedule = FixedAccelerationSchedule(targets=TargetSampling(persistence=(6.0, 6.0)))
-    reset_mask = {"reset_mask": np.ones(200, dtype=bool), "speed": np.full(200, 1.0)}
-    state = advance(schedule, initial_state(200, np.zeros(1)), draw_inputs(generator, 200) | reset_mask)
-    assert np.all((state.acceleration >= 2.0) & (state.acceleration <= 4.0))
-    assert np.all(np.abs(state.command[:, 0] - 1.0) <= state.acceleration * DT + 1e-12)
+@pytest.mark.parametrize(
+    ("schedule", "share"),
+    [
+        (AdaptiveSchedule(targets=TargetSampling(persistence=(60.0, 60.0)), ramp_share=0.4), 0.4),
+        (FixedAccelerationSchedule(targets=TargetSampling(persistence=(6.0, 6.0))), 1.0),
+    ],
+)
+def test_ramps_move_the_command_at_their_acceleration_whatever_the_robot_does(schedule, share):
+    generator, n = np.random.default_rng(15), 2000
+    fresh = {"reset_mask": np.ones(n, dtype=bool), "speed": np.zeros(n)}
+    state = advance(schedule, initial_state(n, np.zeros(1)), draw_inputs(generator, n) | fresh)
+    ramped = state.acceleration > 0.0
+    assert ramped.mean() == pytest.approx(share, abs=0.04)
+    assert np.all((state.acceleration >= 2.0) & (state.acceleration <= 4.0) | ~ramped)
     for _ in range(250):
-        before, state = state, advance(schedule, state, draw_inputs(generator, 200))
-        step = np.abs(state.command[:, 0] - before.command[:, 0])
-        left = np.abs(before.target_speed - before.command[:, 0])
-        np.testing.assert_allclose(step, np.minimum(left, state.acceleration * DT), atol=1e-12)
-    np.testing.assert_allclose(state.command[:, 0], state.target_speed, atol=1e-9)
+        before, state = state, advance(schedule, state, draw_inputs(generator, n))
+        step = np.abs(state.command[:, 0] - before.command[:, 0])[ramped]
+        left = np.abs(before.target_speed - before.command[:, 0])[ramped]
+        np.testing.assert_allclose(step, np.minimum(left, state.acceleration[ramped] * DT), atol=1e-12)
+    np.testing.assert_allclose(state.command[ramped, 0], state.target_speed[ramped], atol=1e-9)
 
 
 @given(
@@ -229,22 +221,3 @@ def test_yaw_rate_never_asks_for_more_than_friction(yaw_rate, speed, friction):
     assert abs(limited) <= abs(yaw_rate) and limited * yaw_rate >= 0.0
     if abs(yaw_rate * speed) <= friction * 9.81 * (1 - 1e-12):
         assert limited == yaw_rate
-
-
-@pytest.mark.parametrize(
-    ("make", "field"),
-    [
-        (lambda: AdaptiveSchedule(window=0.0), "window"),
-        (lambda: AdaptiveSchedule(braking_window=-1.0), "braking_window"),
-        (lambda: AdaptiveSchedule(hold=(1.0, 0.4)), "hold"),
-        (lambda: AdaptiveSchedule(biased_share=1.1), "biased_share"),
-        (lambda: TargetSampling(persistence=(-1.0, 2.0)), "persistence"),
-        (lambda: TargetSampling(top_share=0.99), "top_share + zero_share + backward_share"),
-        (lambda: TargetSampling(yaw_limit=float("nan")), "yaw_limit"),
-        (lambda: FixedAccelerationSchedule(acceleration=(4.0, 2.0)), "acceleration"),
-    ],
-)
-def test_impossible_settings_are_refused(make, field):
-    with pytest.raises(InvalidValueError) as caught:
-        make()
-    assert caught.value.field == field

@@ -92,20 +92,3 @@ def test_grown_floats_reach_the_top_of_the_stage_for_the_blend():
         growth.update(99.0, top=blend.top)
         blend.update(growth.upper)
     assert (growth.upper, blend.weight) == (12.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: RangeGrowth(upper=0.0),
-        lambda: RangeGrowth(increment=-0.1),
-        lambda: RangeGrowth(lowest=0.0),
-        lambda: RangeGrowth(share=1.0),
-        lambda: StageBlend(first_top=6.0, second_top=5.0),
-        lambda: StageBlend(ramp_iterations=0),
-        lambda: StageBlend(earliest_iteration=-1),
-    ],
-)
-def test_impossible_settings_are_refused(make):
-    with pytest.raises(InvalidValueError):
-        make()
