@@ -5,26 +5,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.deployment.messages import make_command, make_state
 
 from sprintlab.deployment.bus.unitree_messages import (
     LOW_COMMAND,
     LOW_STATE,
     MOTOR_OF_JOINT,
-    STRUCTURES,
     checksum,
     decode_command,
     decode_state,
     encode_command,
     encode_state,
     from_wire,
-    new_message,
     to_wire,
 )
 from sprintlab.deployment.interface import (
-    JointCommand,
     JointMode,
     MessageError,
-    RobotState,
     RobotStatus,
     check_command,
 )
@@ -35,17 +32,17 @@ CROUCH = [-0.35, 1.36, -2.65, 0.35, 1.36, -2.65, -0.5, 1.36, -2.65, 0.5, 1.36, -
 
 
 def command(mode=JointMode.SERVO, **fields):
-    values = {
+    usual = {
         "target_position": np.array(CROUCH)[MOTOR_OF_JOINT],
         "stiffness": np.full(12, 60.0),
         "damping": np.full(12, 5.0),
-        "feedforward_torque": np.zeros(12),
     }
-    return JointCommand(sequence=4, timestamp=9, mode=mode, session=5, **(values | fields))
+    return make_command(mode=mode, **(usual | fields))
 
 
 def state(**fields):
-    values = {
+    usual = {
+        "timestamp": 3_000_000_000,
         "joint_position": np.linspace(-1.0, 1.0, 12),
         "joint_velocity": np.linspace(-20.0, 20.0, 12),
         "joint_torque": np.arange(12.0),
@@ -53,15 +50,11 @@ def state(**fields):
         "angular_velocity": np.array([0.1, 0.2, 0.3]),
         "bus_voltage": 28.5,
     }
-    return RobotState(sequence=1, timestamp=3_000_000_000, **(values | fields))
+    return make_state(**(usual | fields))
 
 
 def received(data):
     return decode_command(data, sequence=1, session=2, state_sequence=3)
-
-
-def test_the_structs_have_the_sizes_that_the_sdk_states():
-    assert (LOW_COMMAND.itemsize, LOW_STATE.itemsize) == (812, 1180)
 
 
 @pytest.mark.parametrize("title", VECTORS)
@@ -70,62 +63,28 @@ def test_bytes_and_checksums_are_unitrees(title):
     record = from_wire(vector["message"], bytes.fromhex(vector["wire"]))
     assert checksum(record) == vector["checksum"]
     assert to_wire(vector["message"], record).hex() == vector["wire"]
-
-
-@pytest.mark.parametrize("name", ["LowCmd_", "LowState_"])
-def test_random_messages_have_the_bytes_of_cyclone_dds(name):
-    """The library's own serializer takes 160 us for a command, which a loop of 1 kHz cannot spare."""
-    pytest.importorskip("cyclonedds")
-    from sprintlab.deployment.bus.unitree_bus import _declared
-
-    declared, random = _declared(), np.random.default_rng(0)
-
-    def sample(type_):
-        if type_.subdtype is not None:
-            return [sample(type_.subdtype[0]) for _ in range(type_.subdtype[1][0])]
-        if type_.names is None:
-            bits = random.integers(0, 256, type_.itemsize, dtype=np.uint8)
-            number = bits.view(type_)[0].item()
-            return float(np.float32(random.normal())) if type_.kind == "f" else number
-        return tuple(sample(type_[field]) for field in type_.names)
-
-    def idl(type_, value):
-        if type_.subdtype is not None:
-            return [idl(type_.subdtype[0], item) for item in value]
-        if type_.names is None:
-            return value
-        title = next(title for title, structure in STRUCTURES.items() if structure == type_)
-        return declared[title](
-            *(idl(type_[field], item) for field, item in zip(type_.names, value, strict=True))
-        )
-
-    for _ in range(20):
-        values = sample(STRUCTURES[name])
-        record = new_message(name)
-        record[()] = values
-        ours = to_wire(name, record)
-        theirs = idl(STRUCTURES[name], values)
-        theirs.crc = int(record["crc"])
-        assert ours == theirs.serialize()
-        assert from_wire(name, ours) == record
-
-
-@pytest.mark.parametrize("title", ["random command", "random state"])
-def test_every_field_is_where_unitree_has_it(title):
-    vector = VECTORS[title]
-    record = from_wire(vector["message"], bytes.fromhex(vector["wire"]))
-    for words, expected in vector["says"].items():
+    for words, expected in vector["says"].items() if isinstance(vector["says"], dict) else ():
         value = record
         for word in words.split():
             value = value[int(word) if word.isdecimal() else word]
         np.testing.assert_array_equal(value, expected)
 
 
-def test_nothing_to_do_is_what_the_sdks_example_sends_first():
+@pytest.mark.parametrize(("name", "structure"), [("LowCmd_", LOW_COMMAND), ("LowState_", LOW_STATE)])
+def test_random_messages_have_the_bytes_of_cyclone_dds(name, structure):
+    """The library's own serializer takes 160 us for a command, which a loop of 1 kHz cannot spare."""
+    pytest.importorskip("cyclonedds")
+    from sprintlab.deployment.bus.unitree_bus import _declared
+
+    random = np.random.default_rng(0)
+    for _ in range(20):  # bytes below 64: every float of them is finite
+        content = random.integers(0, 64, structure.itemsize, np.uint8)
+        ours = to_wire(name, content.view(structure)[0].copy())
+        assert ours == _declared()[name].deserialize(ours).serialize()
+
+
+def test_first_and_last_command_are_those_of_the_sdks_example():
     assert encode_command(command(JointMode.OFF)).hex() == VECTORS["idle"]["wire"]
-
-
-def test_a_pose_is_what_the_sdks_example_sends_last():
     assert encode_command(command()).hex() == VECTORS["last"]["wire"]
 
 
@@ -162,11 +121,8 @@ def test_a_state_comes_back_in_single_precision():
     for field in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity"):
         np.testing.assert_allclose(getattr(back, field), getattr(sent, field), rtol=1e-7)
     assert back.bus_voltage == 28.5
-
-
-@pytest.mark.parametrize("status", [RobotStatus.WATCHDOG_EXPIRED, RobotStatus.DRIVE_FAULT])
-def test_motors_that_do_not_serve_are_told(status):
-    assert decode_state(encode_state(state(status=int(status))))[1].status == status
+    for status in (RobotStatus.WATCHDOG_EXPIRED, RobotStatus.DRIVE_FAULT):
+        assert decode_state(encode_state(state(status=int(status))))[1].status == status
 
 
 def test_a_robot_with_another_number_of_joints_is_refused():
@@ -182,8 +138,6 @@ def test_a_robot_with_another_number_of_joints_is_refused():
     ("change", "sentence"),
     [
         (lambda data: data[:-1], "has 812 bytes, but 811 came"),
-        (lambda data: data + bytes(4), "has 812 bytes, but 816 came"),
-        (lambda data: b"\x00\x00" + data[2:], "encoding 0000"),
         (lambda data: bytes(len(data)), "encoding 0000"),
         (lambda data: data[:60] + b"\xff" + data[61:], "checksum"),
     ],
