@@ -108,26 +108,15 @@ def test_the_robot_numbers_commands_and_answers_with_its_newest_state(ends):
     assert {command.state_sequence for command in got} == {41}
 
 
-def another_sends(interface, content):
-    interface._put("others' command", content)
-
-
-def test_anothers_command_makes_the_next_state_one_of_another_session(ends):
-    interface, endpoint = ends
-    for content in (encode_command(command_at(1, 1)), b"not even a command"):
-        another_sends(interface, content)
-        endpoint.publish(state_at(10 * interface.overheard + 10))
-        state = interface.receive()
-        assert state.session not in (0, SESSION)
-    assert interface.overheard == 2
-
-
-def test_another_controller_stops_a_run(running_on_unitree):
+@pytest.mark.parametrize("garbage", [False, True])
+def test_another_controller_stops_a_run(running_on_unitree, garbage):
+    """Whatever it sends: the next state is one of another session."""
     rig = running_on_unitree
     assert rig.run(0.1).mode == "run"
-    another_sends(rig.bus[0], encode_command(rig.ticks[-1].command))
+    content = b"not even a command" if garbage else encode_command(rig.ticks[-1].command)
+    rig.bus[0]._put("others' command", content)
     rig.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.0021)
-    assert rig.controller.stop_reason == "commands-foreign"
+    assert rig.controller.stop_reason == "commands-foreign" and rig.bus[0].overheard == 1
 
 
 def test_commands_without_a_reader_stop_a_run(running_on_unitree, monkeypatch):

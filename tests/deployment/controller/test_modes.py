@@ -357,12 +357,6 @@ def test_an_operators_stop_is_obeyed_while_the_robot_comes_down(running):
     assert running.controller.stop_reason == "operator"
 
 
-def test_coming_down_at_once_damps(running):
-    running.controller.come_down(at_once=True)
-    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
-    assert running.controller.last_command(running.now).mode == JointMode.DAMPING
-
-
 @pytest.mark.parametrize("heard", [True, False])
 def test_a_clock_that_runs_back_ends_a_run(gallop, heard):
     """No silence lasted long enough any more: the legs were held where the policy had left them."""

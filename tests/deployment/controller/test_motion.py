@@ -19,7 +19,7 @@ from sprintlab.deployment.controller.motion import (
 )
 from sprintlab.robots import ModelOptions, build_model, load_robot
 
-BP2 = load_robot("bp2")
+BP2, WAIST = load_robot("bp2"), load_robot("bp2-waist")
 A, B = BP2.mechanics.thigh_length, BP2.mechanics.shank_length
 
 
@@ -31,12 +31,16 @@ def feet(pose):
     return np.stack((x, z), axis=1)
 
 
-def test_the_folded_pose_has_its_feet_below_the_hips_and_room_at_the_stops():
-    pose = folded_pose(BP2)
-    assert feet(pose)[:, 0] == pytest.approx(np.zeros(4), abs=1e-12)
-    assert (feet(pose)[:, 1] > 0.5 * feet(BP2.default_pose)[:, 1]).all()
-    lower, upper = BP2.position_limits.T
-    assert (pose > lower + BP2.soft_stop.zone).all() and (pose < upper - BP2.soft_stop.zone).all()
+@pytest.mark.parametrize("robot", [BP2, load_robot("go1")], ids=lambda robot: robot.name)
+def test_the_folded_and_the_tucked_pose_are_low_and_have_room_at_the_stops(robot):
+    lower, upper = robot.position_limits.T
+    for pose in (folded_pose(robot), tucked_pose(robot)):
+        assert (pose > lower + robot.soft_stop.zone).all() and (pose < upper - robot.soft_stop.zone).all()
+    assert feet(folded_pose(BP2))[:, 0] == pytest.approx(np.zeros(4), abs=1e-12)  # below the hips
+    depth = -Legs(robot).feet(tucked_pose(robot))[:, 2]
+    assert (depth < 0.2 * robot.standing_height).all()
+    for pose in (folded_pose, tucked_pose):
+        np.testing.assert_array_equal(pose(WAIST), [*pose(BP2), 0.0])
 
 
 def test_a_motion_from_pose_to_pose_has_no_jump():
@@ -61,11 +65,6 @@ def test_sinking_keeps_every_foot_where_it_stands(angles):
     np.testing.assert_allclose(motion.target(3.5), tucked_pose(BP2), atol=1e-9)
 
 
-def turned(axis, angle):
-    """Quaternion, w first."""
-    return np.array([np.cos(0.5 * angle), *(np.sin(0.5 * angle) * np.asarray(axis))])
-
-
 def state_of(pose):
     return make_state(joint_position=np.asarray(pose))
 
@@ -83,20 +82,42 @@ def test_a_pose_leads_to_feet_that_lead_back_to_it(robot, pose):
     np.testing.assert_allclose(legs.pose(legs.feet(pose)), pose, atol=1e-9)
 
 
-def test_feet_are_where_the_simulated_robot_has_them():
-    model = build_model(BP2, ModelOptions())
+def placed(robot, pose, quaternion=(1.0, 0.0, 0.0, 0.0)):
+    """The model of a robot in a pose, at rest, and its feet from the trunk (4, 3) [m]."""
+    model = build_model(robot, ModelOptions())
     data = mujoco.MjData(model)
-    data.qpos[3:7] = turned((0.6, 0.8, 0.0), 0.2)
-    pose = BP2.default_pose + np.linspace(-0.2, 0.2, 12)
-    for joint, angle in zip(BP2.joint_names, pose, strict=True):
+    data.qpos[3:7] = quaternion
+    for joint, angle in zip(robot.joint_names, pose, strict=True):
         data.joint(joint).qpos[0] = angle
-    mujoco.mj_kinematics(model, data)
-    seen = np.array([data.geom(f"{leg}_foot").xpos for leg in BP2.leg_names]) - data.body("trunk").xpos
-    w, x, y, z = data.qpos[3:7]
+    mujoco.mj_forward(model, data)
+    feet = np.array([data.geom(f"{leg}_foot").xpos for leg in robot.leg_names])
+    return model, data, feet - data.body("trunk").xpos
+
+
+@pytest.mark.parametrize("robot", [BP2, WAIST], ids=lambda robot: robot.name)
+def test_feet_are_where_the_simulated_robot_has_them(robot):
+    pose = robot.default_pose + 0.1 * np.sin(np.arange(float(len(robot.joint_names))))
+    *_, seen = placed(robot, pose)
+    np.testing.assert_allclose(Legs(robot).feet(pose), seen, atol=1e-9)
+    tilt = np.array([np.cos(0.1), 0.6 * np.sin(0.1), 0.8 * np.sin(0.1), 0.0])  # its heading is not zero
+    *_, seen = placed(robot, pose, tilt)
+    w, x, y, z = tilt
     heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
     seen[:, :2] = seen[:, :2] @ turn.T
-    np.testing.assert_allclose(level_feet(Legs(BP2), pose, data.qpos[3:7]), seen, atol=1e-9)
+    np.testing.assert_allclose(level_feet(Legs(robot), pose, tilt), seen, atol=1e-9)
+
+
+def test_the_waists_torque_is_that_of_the_model():
+    """Against MuJoCo: what carries the robot on four feet."""
+    model, data, _ = placed(WAIST, WAIST.default_pose)
+    loads, waist = np.full(4, GRAVITY * WAIST.total_mass / 4), model.joint("waist").dofadr[0]
+    wanted, jacobian = data.qfrc_bias[waist], np.zeros((3, model.nv))
+    for leg, load in zip(WAIST.leg_names, loads, strict=True):
+        foot, shank = data.geom(f"{leg}_foot").xpos, data.body(f"{leg}_shank").id
+        mujoco.mj_jac(model, data, jacobian, None, foot, shank)
+        wanted -= load * jacobian[2, waist]
+    assert Legs(WAIST).carrying_torque(WAIST.default_pose, loads)[12] == pytest.approx(wanted, rel=1e-6)
 
 
 @given(pose=POSES)
@@ -131,7 +152,7 @@ def test_gathering_lifts_two_feet_at_a_time_and_puts_all_in_their_places(robot, 
     torque = (motion.target(motion.end_time) - end) * robot.stiffness
     np.testing.assert_allclose(torque, legs.carrying_torque(end, loads), atol=1e-6)
     before = None
-    for time in np.arange(1.0, motion.end_time, 0.002):
+    for time in np.arange(1.0, motion.end_time, 0.005):
         now = legs.feet(motion._pose(time)[0])
         if before is not None:
             moved = np.abs(now - before)[:, :2].max(axis=1) > 1e-9
@@ -151,12 +172,3 @@ def test_rising_begins_at_the_joints_and_moves_all_legs_alike(robot, pose):
     for time in np.linspace(3.0, 3.75, 6):  # until the feet are below the hips
         below = legs.feet(motion._pose(time)[0]) - hips
         np.testing.assert_allclose(below, np.tile(below[0], (4, 1)), atol=1e-9)
-
-
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_the_tucked_pose_is_low_and_has_room_at_the_stops(robot):
-    pose = tucked_pose(robot)
-    lower, upper = robot.position_limits.T
-    assert (pose > lower + robot.soft_stop.zone).all() and (pose < upper - robot.soft_stop.zone).all()
-    depth = -Legs(robot).feet(pose)[:, 2]
-    assert (depth < 0.2 * robot.standing_height).all()

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -99,9 +100,9 @@ def test_a_state_is_logged_once_and_an_absurd_fix_never(path):
 
 CRASH = """
 import sys, time
-sys.path.insert(0, {folder!r})
+sys.path.insert(0, {root!r})
 from pathlib import Path
-from test_log import FACTS, McapRunLog, tick
+from tests.deployment.log.test_log import FACTS, McapRunLog, tick
 log = McapRunLog(Path({path!r}), FACTS)
 for number in range(1, 501):
     log.write(tick(number))
@@ -111,7 +112,7 @@ time.sleep(60)
 
 
 def test_a_log_survives_the_death_of_its_controller(path):
-    code = CRASH.format(folder=os.path.dirname(__file__), path=str(path))
+    code = CRASH.format(root=str(Path(__file__).parents[3]), path=str(path))
     controller = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     writer = int(controller.stdout.readline().split()[1])
     controller.send_signal(signal.SIGKILL)

@@ -532,15 +532,11 @@ def test_commands_of_a_second_controller_move_nothing_and_are_counted(running):
     assert dict(running.simulated.dropped) == {"it is of another controller than the one that drives": 100}
 
 
-def test_the_operator_stops_a_run_at_once(running):
+def test_the_operators_stop_is_left_only_at_rest_and_only_on_request(running):
     running.source.request = Request.STOP
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
     assert tick.mode == "stop" and running.controller.stop_reason == "operator"
-
-
-def test_stop_is_left_only_at_rest_and_only_on_request(running):
-    running.source.request = Request.STOP
-    running.run(0.03)
+    running.run(0.01)
     running.source.request = Request.PASSIVE
     assert running.run(0.02).mode == "stop"  # in a gallop all joints may be slow for a moment
     running.source.request = Request.RUN

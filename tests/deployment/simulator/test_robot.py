@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from tests.deployment.messages import make_command
 
-from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.core.errors import SimulationError
 from sprintlab.deployment.interface import JointMode, RobotStatus
-from sprintlab.deployment.simulator import TYPICAL_NOISE, SensorNoise, SimulatedRobot, SimulatorOptions
+from sprintlab.deployment.simulator import TYPICAL_NOISE, SimulatedRobot, SimulatorOptions
 from sprintlab.motors import Battery, torque_limits
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import load_robot
@@ -149,13 +149,3 @@ def test_a_state_that_is_not_finite_is_an_error():
     robot.plant.data.qvel[7] = np.nan
     with pytest.raises(SimulationError, match="finite"):
         robot.state(0)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"start": "flying"}, {"fix_rate": -1.0}, {"watchdog_timeout": 0.0}, {"seed": -1}]
-)
-def test_impossible_options_are_refused(wrong):
-    with pytest.raises(InvalidValueError, match=f"simulator.{next(iter(wrong))}"):
-        SimulatorOptions(**wrong)
-    with pytest.raises(InvalidValueError, match=r"noise\.joint_torque"):
-        SensorNoise(joint_torque=-1.0)
