@@ -48,14 +48,6 @@ def test_states_are_numbered_by_the_robots_clock(ticks, expected):
     assert [numbers.number(tick)[0] - TickNumbers.FIRST + 1 for tick in ticks] == expected
 
 
-def test_a_reboot_shows_as_old_states_until_the_robot_is_forgotten():
-    numbers = TickNumbers()
-    before = [numbers.number(tick) for tick in (90_000, 90_002)][-1]
-    after = [numbers.number(tick) for tick in (0, 2, 4)]
-    assert all(number < before[0] and stamp < before[1] for number, stamp in after)
-    assert after == sorted(after)
-
-
 def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends):
     interface, endpoint = ends
     states = commands = 0
@@ -116,7 +108,7 @@ def test_another_controller_stops_a_run(running_on_unitree, garbage):
     content = b"not even a command" if garbage else encode_command(rig.ticks[-1].command)
     rig.bus[0]._put("others' command", content)
     rig.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.0021)
-    assert rig.controller.stop_reason == "commands-foreign" and rig.bus[0].overheard == 1
+    assert rig.controller.stop_reason == "commands-foreign"
 
 
 def test_commands_without_a_reader_stop_a_run(running_on_unitree, monkeypatch):
@@ -183,7 +175,7 @@ def test_another_controller_on_the_network_is_overheard(address):
             foreign = state is not None and state.session not in (0, SESSION)
             return foreign and len(authors) == 2
 
-        assert until(look) and interface.overheard > 0
+        assert until(look)
     finally:
         interface.close()
         endpoint.close()

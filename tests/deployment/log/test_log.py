@@ -129,13 +129,6 @@ def test_a_log_survives_the_death_of_its_controller(path):
     assert len(read_log(path).ticks) == 500
 
 
-def test_a_log_that_is_cut_off_is_read_up_to_the_cut(path):
-    write(path, 3000)
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) * 2 // 3])
-    assert 100 < len(read_log(path).ticks) < 3000
-
-
 def test_a_wrong_bit_and_another_file_are_noticed(path):
     write(path)
     content = path.read_bytes()

@@ -77,14 +77,10 @@ class UnitreeControllerEnd(ControllerEnd):
 
     Args:
         session: number of the controller; it is not sent, and tells its commands from those of others.
-
-    Attributes:
-        overheard: commands of others, damaged ones among them.
     """
 
     def __init__(self, session: int) -> None:
         super().__init__(session)
-        self.overheard = 0
         self._numbers = TickNumbers()
         self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
         self._answered = 0
@@ -150,9 +146,8 @@ class UnitreeControllerEnd(ControllerEnd):
         return self._answered
 
     def _overhear(self) -> None:
-        """Count the commands of others since the last look, whole or not."""
+        """Notice the commands of others since the last look, whole or not."""
         while self._take(COMMAND) is not None:
-            self.overheard += 1
             self._overheard_at = self._now
 
 
