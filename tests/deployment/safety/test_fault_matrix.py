@@ -7,9 +7,9 @@ inside the motors' envelope. Each case here adds: the fault is noticed under its
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,40 +35,39 @@ StateChange = Callable[[RobotState], RobotState]
 
 
 class Stimulus:
-    """A fault at work on a rig; ``present`` tells whether its condition holds already."""
+    """A fault at work on a rig: what passes one of its hooks is changed.
+
+    Attributes:
+        steps: how often something has passed.
+        kept: what a change remembers from one time to the next.
+        begins: whether the fault's condition holds in this step; a change says so where it is not at once.
+        present: whether it has held.
+    """
 
     def __init__(self, rig: Any, hook: str, change: Callable[[Stimulus, Any], Any]) -> None:
-        self.rig, self.steps, self.present = rig, 0, False
+        self.rig, self.steps, self.kept, self.begins, self.present = rig, 0, [], True, False
+        *path, name = hook.split(".")
+        owner = functools.reduce(getattr, path, rig)
+        self.before = getattr(owner, name)
 
         def changed(value: Any = None, *_: Any) -> Any:
             self.steps += 1
-            return change(self, value)
+            try:
+                return change(self, value)
+            finally:
+                self.present = self.present or self.begins
 
-        setattr(rig, hook, changed)
-
-    def begin(self) -> None:
-        self.present = True
-
-
-def hooked(hook: str, change: Callable[[Stimulus, Any], Any]) -> Callable[[Any], Stimulus]:
-    """A fault that acts on what passes one of the rig's hooks."""
-    return lambda rig: Stimulus(rig, hook, change)
+        setattr(owner, name, changed)
 
 
 def states_become(make: Callable[[list[RobotState], list[RobotState]], list[RobotState]]) -> Any:
     """Deliver what ``make`` makes of the present states and of all since the fault began."""
 
-    def install(rig: Any) -> Stimulus:
-        past: list[RobotState] = []
+    def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
+        stimulus.kept.extend(states)
+        return make(states, stimulus.kept)
 
-        def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-            stimulus.begin()
-            past.extend(states)
-            return make(states, past)
-
-        return Stimulus(rig, "on_states", change)
-
-    return install
+    return "on_states", change
 
 
 def each(change: StateChange, *, times: int | None = None) -> Any:
@@ -112,21 +111,15 @@ def silence(milliseconds: int) -> Any:
 def drift(index: slice | int, goal: Any, holds: Callable[[np.ndarray], bool]) -> Any:
     """Joint positions drift to ``goal`` at 60 rad/s: slower than a fault that plausibility would drop."""
 
-    def install(rig: Any) -> Stimulus:
-        start: list[np.ndarray] = []
+    def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
+        position = states[0].joint_position.copy()
+        [start] = stimulus.kept = stimulus.kept or [position[index].copy()]
+        moved = start + np.sign(goal - start) * np.minimum(np.abs(goal - start), 0.06 * stimulus.steps)
+        position[index] = moved + 1e-6 * stimulus.steps  # no real encoder stands still to the last bit
+        stimulus.begins = holds(position)
+        return [replace(states[0], joint_position=position)]
 
-        def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-            position = states[0].joint_position.copy()
-            start[:] = start or [position[index].copy()]
-            way = goal - start[0]
-            moved = start[0] + np.sign(way) * np.minimum(np.abs(way), 0.06 * stimulus.steps)
-            position[index] = moved + 1e-6 * stimulus.steps  # no real encoder stands still to the last bit
-            stimulus.present = stimulus.present or holds(position)
-            return [replace(states[0], joint_position=position)]
-
-        return Stimulus(rig, "on_states", change)
-
-    return install
+    return "on_states", change
 
 
 FOLDED, STANDING = np.tile([0.0, 1.25, -2.42], 4), np.tile([0.0, 0.7, -1.2], 4)
@@ -137,43 +130,33 @@ def extension(position: np.ndarray) -> float:
     return float(((0.31 * np.cos(hip) + 0.32 * np.cos(hip + knee)) * np.cos(abad)).max())
 
 
-def stuck_encoder(rig: Any) -> Stimulus:
+def stuck_encoder(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
     """A hip encoder stops while the hip moves."""
-    held: list[float] = []
-
-    def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-        state = states[0]
-        if not held and abs(state.joint_velocity[1]) <= 8.0:
-            return states
-        held[:] = held or [state.joint_position[1]]
-        stimulus.begin()
-        moving = with_number("joint_velocity", 1, 8.0)(state)
-        return [with_number("joint_position", 1, held[0])(moving)]
-
-    return Stimulus(rig, "on_states", change)
+    [state] = states
+    stimulus.begins = bool(stimulus.kept) or abs(state.joint_velocity[1]) > 8.0
+    if not stimulus.begins:
+        return states
+    [held] = stimulus.kept = stimulus.kept or [state.joint_position[1]]
+    moving = with_number("joint_velocity", 1, 8.0)(state)
+    return [with_number("joint_position", 1, held)(moving)]
 
 
-def taken_over(rig: Any) -> Stimulus:
+def taken_over(stimulus: Stimulus, own: JointCommand) -> None:
     """A robot that checks nothing obeys another controller; it drops what the controller sends."""
-    rig.simulated._expired = False
-
-    def change(stimulus: Stimulus, own: JointCommand) -> None:
-        stimulus.begin()
-        push = np.where(np.arange(12) == 2, 30.0, 0.0)  # N m at a knee
-        rig.simulated._command = replace(own, feedforward_torque=push, session=own.session ^ 1)
-        rig.simulated._command_time = rig.simulated.time
-
-    return Stimulus(rig, "on_command", change)
+    simulated = stimulus.rig.simulated
+    push = np.where(np.arange(12) == 2, 30.0, 0.0)  # N m at a knee
+    simulated._command = replace(own, feedforward_torque=push, session=own.session ^ 1)
+    simulated._expired, simulated._command_time = False, simulated.time
 
 
 def on_the_wire(hook: str, change: Callable[[bytes], bytes], *, onset: int = 1) -> Any:
     """Change the bytes of every message in one direction; ``onset``: how many of them make the fault."""
 
     def changed(stimulus: Stimulus, content: bytes) -> bytes:
-        stimulus.present = stimulus.steps >= onset
+        stimulus.begins = stimulus.steps >= onset
         return change(content)
 
-    return hooked(hook, changed)
+    return hook, changed
 
 
 def one_bit(content: bytes) -> bytes:
@@ -185,55 +168,32 @@ def of_another_session(content: bytes) -> bytes:
     return encode(replace(command, session=command.session ^ 1))
 
 
-def commands_lost(change: Callable[[Stimulus, list[RobotState]], list[RobotState]]) -> Any:
-    """No command reaches the robot."""
-
-    def install(rig: Any) -> Stimulus:
-        rig.on_command = lambda command: None
-        return Stimulus(rig, "on_states", change)
-
-    return install
-
-
-def watchdog_tells(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-    stimulus.present = bool(states[0].status & RobotStatus.WATCHDOG_EXPIRED)
-    return states
-
-
-def watchdog_is_silent(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-    stimulus.begin()
-    return [replace(state, status=0) for state in states]
+def commands_lost(stimulus: Stimulus, states: list[RobotState], *, told: bool) -> list[RobotState]:
+    """No command reaches the robot, whose watchdog tells of it or not."""
+    stimulus.rig.on_command = lambda command: None
+    stimulus.begins = not told or bool(states[0].status & RobotStatus.WATCHDOG_EXPIRED)
+    return states if told else [replace(state, status=0) for state in states]
 
 
 def policy_gives(result: Any) -> Any:
     """The policy gives ``result``, or raises it; the onset is its next step."""
 
-    def install(rig: Any) -> Stimulus:
-        def give(stimulus: Stimulus, measured_and_asked: Any) -> Any:
-            stimulus.begin()
-            if isinstance(result, Exception):
-                raise result
-            return result
+    def give(stimulus: Stimulus, measured_and_asked: Any) -> Any:
+        if isinstance(result, Exception):
+            raise result
+        return result
 
-        rig.controller._runtime = SimpleNamespace(last_estimate=None)
-        return Stimulus(rig.controller._runtime, "step", give)
-
-    return install
+    return "controller._runtime.step", give
 
 
-def stall(rig: Any) -> Stimulus:
+def stall(stimulus: Stimulus, _: Any) -> int:
     """The controller's process gets no processor for 45 ms; the onset is its return."""
-
-    def change(stimulus: Stimulus, _: Any) -> int:
-        stimulus.present = stimulus.steps > 3
-        return 45 if stimulus.steps == 3 else 1
-
-    return Stimulus(rig, "pause", change)
+    stimulus.begins = stimulus.steps > 3
+    return 45 if stimulus.steps == 3 else 1
 
 
 def late_policy(stimulus: Stimulus, _: Any) -> int:
     """Every policy step is kept waiting for 8 ms."""
-    stimulus.begin()
     return 9 if stimulus.rig.controller._next_policy - stimulus.rig.now == 1_000_000 else 1
 
 
@@ -242,17 +202,11 @@ def source_becomes(
 ) -> Any:
     """Change what the source says, always or for its next few readings."""
 
-    def install(rig: Any) -> Stimulus:
-        read = rig.source.read
+    def change(stimulus: Stimulus, view: Any) -> OperatorCommand | None:
+        command = stimulus.before(view)
+        return command if times is not None and stimulus.steps > times else make(command)
 
-        def change(stimulus: Stimulus, view: Any) -> OperatorCommand | None:
-            stimulus.begin()
-            command = read(view)
-            return command if times is not None and stimulus.steps > times else make(command)
-
-        return Stimulus(rig.source, "read", change)
-
-    return install
+    return "source.read", change
 
 
 def wish(*values: float) -> Callable[[OperatorCommand], OperatorCommand]:
@@ -267,23 +221,18 @@ def bad_fix(**fields: Any) -> Any:
     """The receiver reports something else from its next fix on."""
 
     def change(stimulus: Stimulus, fix: Any) -> Any:
-        if fix is not None:
-            stimulus.begin()
+        stimulus.begins = fix is not None
         return fix and replace(fix, **fields)
 
-    return hooked("on_fix", change)
+    return "on_fix", change
 
 
-def knock_over(rig: Any) -> Stimulus:
+def knock_over(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
     """A blow that really throws the robot over; the onset is a true rate no gait has."""
-    plant = rig.simulated.plant
+    plant = stimulus.rig.simulated.plant
     plant.data.xfrc_applied[plant.model.body("trunk").id, 3] = 400.0  # N m of roll
-
-    def change(stimulus: Stimulus, states: list[RobotState]) -> list[RobotState]:
-        stimulus.present = stimulus.present or np.abs(states[0].angular_velocity).max() > 15.0
-        return states
-
-    return Stimulus(rig, "on_states", change)
+    stimulus.begins = np.abs(states[0].angular_velocity).max() > 15.0
+    return states
 
 
 DROPPED = {
@@ -325,7 +274,7 @@ STOPPED = {
             lambda new, past: [replace(past[0], sequence=new[0].sequence, timestamp=new[0].timestamp)]
         ),
     ),
-    "encoder stuck": (Fault.ENCODER_STUCK, stuck_encoder),
+    "encoder stuck": (Fault.ENCODER_STUCK, ("on_states", stuck_encoder)),
     "inertial unit stuck": (
         Fault.INERTIAL_STUCK,
         states_become(
@@ -339,7 +288,7 @@ STOPPED = {
     "drive gives too much": (Fault.OVERTORQUE, each(with_number("joint_torque", 7, 250.0))),
     "bus voltage too high": (Fault.BUS_HIGH, each(with_number("bus_voltage", None, 80.0))),
     "trunk tilted": (Fault.FALL, each(tilted(75.0))),
-    "knocked over": (Fault.TUMBLE, knock_over),
+    "knocked over": (Fault.TUMBLE, ("on_states", knock_over)),
     "legs folded": (
         Fault.COLLAPSE,
         drift(slice(None), FOLDED, lambda position: extension(position) < 0.5 * extension(STANDING)),
@@ -347,9 +296,15 @@ STOPPED = {
     "trunk spins": (Fault.TUMBLE, each(with_number("angular_velocity", 2, 30.0))),
     "drive reports a fault": (Fault.DRIVE_FAULT, each(flagged(RobotStatus.DRIVE_FAULT))),
     "watchdog reported": (Fault.WATCHDOG_EXPIRED, each(flagged(RobotStatus.WATCHDOG_EXPIRED))),
-    "commands lost, watchdog trips": (Fault.WATCHDOG_EXPIRED, commands_lost(watchdog_tells)),
-    "commands lost, silent robot": (Fault.COMMANDS_UNANSWERED, commands_lost(watchdog_is_silent)),
-    "another's commands, of another session": (Fault.COMMANDS_FOREIGN, taken_over),
+    "commands lost, watchdog trips": (
+        Fault.WATCHDOG_EXPIRED,
+        ("on_states", functools.partial(commands_lost, told=True)),
+    ),
+    "commands lost, silent robot": (
+        Fault.COMMANDS_UNANSWERED,
+        ("on_states", functools.partial(commands_lost, told=False)),
+    ),
+    "another's commands, of another session": (Fault.COMMANDS_FOREIGN, ("on_command", taken_over)),
     "answer to a command never sent": (
         Fault.COMMANDS_FOREIGN,
         each(with_number("command_sequence", None, 2**64 - 1)),
@@ -369,7 +324,7 @@ STOPPED = {
     "policy gives 1e308": (Fault.POLICY_INVALID, policy_gives(np.full(12, 1e308))),
     "policy crashes": (Fault.POLICY_INVALID, policy_gives(RuntimeError("out of memory"))),
     "policy gives eleven joints": (Fault.POLICY_INVALID, policy_gives(np.zeros(11))),
-    "loop stalls": (Fault.LOOP_STALLED, stall),
+    "loop stalls": (Fault.LOOP_STALLED, ("pause", stall)),
 }
 
 BRAKED = {
@@ -381,7 +336,7 @@ BRAKED = {
     "source raises": (Fault.SOURCE_LOST, source_becomes(broken_device)),
     "source gives nothing but NaN": (Fault.SOURCE_LOST, source_becomes(wish(NAN, NAN, NAN))),
     "bus voltage too low": (Fault.BUS_LOW, each(with_number("bus_voltage", None, 33.0), times=400)),
-    "policy always late": (Fault.POLICY_LATE, hooked("pause", late_policy)),
+    "policy always late": (Fault.POLICY_LATE, ("pause", late_policy)),
 }
 
 
@@ -423,9 +378,9 @@ def onset_and_reaction(rig: Any, stimulus: Stimulus, shows: Callable[[Any], bool
 def test_a_bad_message_is_dropped_and_the_run_goes_on(running_on_bus, name):
     running = running_on_bus
     assert_reaction_fits(DROPPED, Reaction.DROP)
-    fault, install = DROPPED[name]
+    fault, change = DROPPED[name]
     before = running.controller.fault_counts[fault]
-    stimulus = install(running)
+    stimulus = Stimulus(running, *change)
     delay = onset_and_reaction(running, stimulus, lambda tick: fault.value in tick.faults, 0.3)
     allowed = 0.021 if name == "20 ms without a state" else RESPONSES[fault].within
     assert delay <= allowed + TOLERANCE
@@ -443,8 +398,8 @@ def test_a_grave_fault_damps_the_joints_in_time(running_on_bus, name):
     if name in NOT_IN_UNITREES_MESSAGES and isinstance(running.bus[0], UnitreeControllerEnd):
         pytest.skip("Unitree's messages cannot say this")
     assert_reaction_fits(STOPPED, Reaction.STOP)
-    fault, install = STOPPED[name]
-    stimulus = install(running)
+    fault, change = STOPPED[name]
+    stimulus = Stimulus(running, *change)
     delay = onset_and_reaction(running, stimulus, lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
     assert delay <= RESPONSES[fault].within + TOLERANCE
     assert running.controller.stop_reason == fault.value
@@ -456,10 +411,10 @@ def test_a_grave_fault_damps_the_joints_in_time(running_on_bus, name):
 def test_a_robot_no_longer_heard_of_is_damped_in_full(running, robot):
     """Although its last state tells of joints so fast that less damping is all that their motors give."""
     fast = np.tile([0.0, 45.0, -45.0], 4)
-    each(lambda state: replace(state, joint_velocity=fast))(running)
+    Stimulus(running, *each(lambda state: replace(state, joint_velocity=fast)))
     state = running.step().state
     assert (running.controller._commands.guard.damping(state).damping < robot.damping).any()
-    silence(10**6)(running)
+    Stimulus(running, *silence(10**6))
     running.run(0.2)
     np.testing.assert_array_equal(running.ticks[-1].command.damping, robot.damping)
 
@@ -489,8 +444,8 @@ def test_a_brake_ends_in_a_stand(running, name):
 
 def braked(running: Any, name: str) -> None:
     """Throw a fault that brakes, and go on until it does, in time."""
-    fault, install = BRAKED[name]
-    stimulus = install(running)
+    fault, change = BRAKED[name]
+    stimulus = Stimulus(running, *change)
     delay = onset_and_reaction(running, stimulus, lambda tick: running.controller.braking, 1.5)
     assert delay <= RESPONSES[fault].within + TOLERANCE
     assert running.controller.fault_counts[fault] > 0
@@ -498,7 +453,7 @@ def braked(running: Any, name: str) -> None:
 
 @pytest.mark.parametrize("wild", [(1e6, 0.0, 0.0), (-50.0, 3.0, 90.0)])
 def test_a_wild_wish_reaches_the_policy_tamed(running, wild):
-    source_becomes(wish(*wild))(running)
+    Stimulus(running, *source_becomes(wish(*wild)))
     previous = running.ticks[-1].velocity if running.ticks else running.controller._velocity
     for _ in range(500):
         tick = running.step()
@@ -511,7 +466,7 @@ def test_a_wild_wish_reaches_the_policy_tamed(running, wild):
 
 
 def test_a_sagging_bus_shrinks_what_is_asked_for(running):
-    each(with_number("bus_voltage", None, 45.0))(running)
+    Stimulus(running, *each(with_number("bus_voltage", None, 45.0)))
     running.run(0.3)  # every command is checked against the smaller envelope in Rig.step
     assert running.controller.mode.value == "run"
 
