@@ -203,6 +203,8 @@ def train(
         SprintlabError: the extra is not installed, or a setting or the folder is refused.
     """
     leave_to_the_parent()
+    # Read when PyTorch is imported: threads that spin while they wait make a busy machine five times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if not dry_run:
         require_training()
     from sprintlab.training.runs.options import TrainOptions, check_places
