@@ -12,11 +12,14 @@ BEGAN = time.perf_counter()  # the imports are part of the start
 
 import argparse
 import hashlib
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line has it
 
 import torch
 from harness import answer, circumstances
