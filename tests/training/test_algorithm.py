@@ -7,10 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("rsl_rl")
-
 import torch
 
 from sprintlab.robots import load_robot
@@ -20,7 +16,6 @@ from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import (
     adapted_learning_rate,
     generalized_advantages,
-    log_probability,
     noise_scale_per_env,
     policy_losses,
 )
@@ -71,6 +66,7 @@ def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
 
 def test_an_update_is_rsl_rl_s_update() -> None:
     """Same networks, same rollout, one mini-batch an epoch: the parameters end up the same."""
+    pytest.importorskip("rsl_rl")
     from rsl_rl.algorithms import PPO  # takes seconds, in every process that collects tests
     from rsl_rl.storage import RolloutStorage
     from tensordict import TensorDict
@@ -158,12 +154,6 @@ class TestedUpdate:
             block.descend(loss, Workers(), 1)
 
 
-def test_log_probability_is_torch_s() -> None:
-    mean, std, action = torch.randn(7, 12), torch.rand(12) + 0.1, torch.randn(7, 12)
-    expected = torch.distributions.Normal(mean, std).log_prob(action).sum(1)
-    torch.testing.assert_close(log_probability(action, mean, std), expected)
-
-
 @pytest.mark.parametrize(("share", "count"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
 def test_robots_with_little_noise_are_as_many_as_asked_for_and_in_every_mini_batch(
     share: float, count: int
@@ -212,15 +202,6 @@ def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorP
     assert torch.equal(rollout.reward, torch.stack(rewards, 1))
     assert torch.equal(rollout.next_frame[:, 0], seen[1][:, -45:])
     assert int(rollout.step) == 0
-
-
-def test_a_mini_batch_is_a_view(learner: EstimatorPpo) -> None:
-    batch = learner.rollout.policy_batch(2, 5)
-    assert (
-        batch.actor_input.untyped_storage().data_ptr()
-        == learner.rollout.actor_input.untyped_storage().data_ptr()
-    )
-    assert batch.actor_input.shape == (3 * STEPS, learner.rollout.actor_input.shape[-1])
 
 
 def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:

@@ -6,12 +6,10 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("torch")
-
 import numpy as np
+import pytest
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.engine import Engine
@@ -28,15 +26,14 @@ from sprintlab.training.reward_tables import hound_rewards
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import (
     EstimatorSettings,
-    PpoSettings,
-    SimulationSettings,
     StridePrior,
     TrainingSettings,
 )
 
-SMALL = TrainingSettings(
-    simulation=SimulationSettings(environments=16),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=1, hidden=(16, 8)),
+SMALL = small_settings(
+    environments=16,
+    mini_batches=1,
+    hidden=(16, 8),
     estimator=EstimatorSettings(encoder=(16, 8), decoder=(8, 16)),
 )
 STUDY = Path(__file__).parents[2] / "studies" / "paper"
@@ -78,15 +75,6 @@ def test_hounds_weights_are_its_papers_over_six() -> None:
     printed = {"diagonal_contact": 1.2, "touchdown": -6.0, "foot_slip": -0.16, "torque": -2e-4}
     for name, weight in printed.items():
         assert hound_rewards()[name].weights == (weight / 6, weight / 6)
-
-
-@pytest.mark.parametrize("shape", [(1, 1_000_000, 4), (101, 1, 4)])
-def test_strides_that_take_all_memory_are_refused(tmp_path, shape):
-    """Four packed kilobytes asked for 131 GB in the first step."""
-    speed = np.arange(1.0, 1.0 + shape[0])
-    np.savez_compressed(tmp_path / "a.npz", speed=speed, state=np.zeros(shape, dtype=np.int8))
-    with pytest.raises(SprintlabError, match="holds more than 100 strides of 1000 points"):
-        read_strides(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("change", [{"state": np.zeros((5, 0, 4))}, {"speed": np.arange(-5.0, 0.0)}])

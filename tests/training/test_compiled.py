@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.training.environment.episodes import Ends
 from sprintlab.training.environment.reward_sum import aggregate
@@ -27,16 +25,10 @@ from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards, paper_rewards
 from sprintlab.training.settings import (
     REWARD_SUMS,
-    PpoSettings,
-    SimulationSettings,
     StridePrior,
-    TrainingSettings,
 )
 
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=4),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=1, hidden=(16, 8)),
-)
+SETTINGS = small_settings(environments=4, mini_batches=1, hidden=(16, 8))
 
 
 def traced(work: Callable[..., Any]) -> Callable[..., Any]:

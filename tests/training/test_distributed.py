@@ -7,9 +7,6 @@ import socket
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 from torch import multiprocessing
 

@@ -6,10 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("rsl_rl")
-
 import torch
 
 from sprintlab.commands import heading_angle

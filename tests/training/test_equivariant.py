@@ -6,9 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 
 from sprintlab.control import ESTIMATE_SIZE
@@ -114,10 +111,11 @@ def test_a_layer_can_be_any_symmetric_map() -> None:
 
 def test_the_normalizer_sees_every_sample_and_its_mirror_image() -> None:
     mirror = paired(4).joined(signed(-1.0))
-    samples = torch.randn(500, 5) * 2.0 + 1.0
-    both = torch.cat((samples, mirror.of(samples)))
+    batches = [torch.randn(size, 5) * 2.0 + 1.0 for size in (10, 500, 33)]
     normalizer = Normalizer(5, mirror)
-    normalizer.update(samples.mean(0), samples.var(0, correction=0), 500)
+    for samples in batches:
+        normalizer.update(samples.mean(0), samples.var(0, correction=0), len(samples))
+    both = torch.cat([*batches, *map(mirror.of, batches)])
     torch.testing.assert_close(normalizer.mean, both.mean(0))
     torch.testing.assert_close(normalizer.variance, both.var(0, correction=0))
 

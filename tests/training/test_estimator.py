@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 
 from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.robots import load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
-from sprintlab.training.learner.networks import Actor, Critic, Normalizer
+from sprintlab.training.learner.networks import Actor, Critic
 from sprintlab.training.settings import EstimatorSettings, TrainingSettings
 
 SETTINGS = TrainingSettings()
@@ -160,24 +157,3 @@ def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
         value = actor.estimator.physical(actor.estimator(actor.normalized_frames(history)).raw)
     assert (value[:, :3] - privileged[:, :3]).abs().mean() < 0.3
     assert ((value[:, 4:] > 0.5) == (privileged[:, 4:] > 0.5)).float().mean() > 0.95
-
-
-def test_running_moments_are_those_of_all_samples() -> None:
-    normalizer = Normalizer(3)
-    parts = [torch.randn(size, 3) * 2 + 1 for size in (10, 500, 33)]
-    for part in parts:
-        normalizer.update(part.mean(0), part.var(0, correction=0), part.shape[0])
-    everything = torch.cat(parts)
-    torch.testing.assert_close(normalizer.mean, everything.mean(0))
-    torch.testing.assert_close(normalizer.variance, everything.var(0, correction=0))
-
-
-def test_float16_moves_the_loss_by_little(actor: Actor) -> None:
-    critic, batch = Critic(SETTINGS.ppo, OBSERVATION), policy_batch(actor)
-    std = actor.std.detach().clone()
-    losses = [
-        policy_losses(actor, critic, batch, std, replace(SETTINGS.ppo, precision=precision))[0]
-        for precision in ("tf32", "float16")
-    ]
-    assert losses[0] != losses[1]
-    torch.testing.assert_close(*losses, rtol=0.1, atol=0.02)

@@ -7,10 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.evaluation.audit import CHECKS, TOLERANCE
 from sprintlab.evaluation.results import REST_SPEED
@@ -19,13 +17,9 @@ from sprintlab.training.exam import GROUPS, LIMITS, Exam, GroupResult
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.runner import BestExam, Runner
-from sprintlab.training.settings import ExamSettings, PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.settings import ExamSettings
 
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=8),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)),
-    exam=ExamSettings(interval=2),
-)
+SETTINGS = small_settings(exam=ExamSettings(interval=2))
 
 
 @pytest.fixture(autouse=True)

@@ -6,13 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("rsl_rl")
-
 import onnx
+import pytest
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.control import OBSERVABLES, Observable, load_policy, shipped_policy
 from sprintlab.core.errors import ContractMismatchError, PolicyFileError, SprintlabError
@@ -24,12 +21,8 @@ from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.observed_run import observe_run
 from sprintlab.training.runs.run import TrainOptions, open_run
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=16),
-    ppo=PpoSettings(steps=4, epochs=1, mini_batches=2, hidden=(32, 16)),
-)
+SETTINGS = small_settings(environments=16, steps=4, hidden=(32, 16))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=256),
-    ppo=PpoSettings(steps=8, epochs=2, mini_batches=2, hidden=(64, 32)),
-)
+SETTINGS = small_settings(environments=256, steps=8, hidden=(64, 32), ppo={"epochs": 2})
 
 
 @pytest.fixture(scope="module")

@@ -13,30 +13,21 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("tensorboard")
-
 import torch
 from tensorboard.backend.event_processing import event_accumulator
+from tests.training.small import small_settings
 
 import sprintlab as sl
 from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.learner.algorithm import build_actor
-from sprintlab.training.runs import export
 from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.figures import grid_figure, learning_figures, robot_speeds, speed_figure
 from sprintlab.training.runs.progress import Board, clock, time_to_go
 from sprintlab.training.runs.run import TrainOptions, train
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
-TINY = TrainingSettings(
-    simulation=SimulationSettings(environments=8),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)),
-)
+TINY = small_settings()
 
 
 @pytest.fixture(scope="module")
@@ -100,38 +91,21 @@ def changed(state: dict, path: str, value: object) -> None:
     ("path", "value"),
     [
         ("growth", None),
-        ("growth/upper", 1e308),
         ("grid_weights", torch.zeros(4)),
-        ("grid_weights", torch.zeros(1000, 1000)),
         ("environment", [1, 2]),
-        ("environment/running_speed", torch.tensor([0.0, 1e9])),
         ("environment/running_speed", torch.full((8,), float("nan"))),
-        ("environment/commands.command", torch.zeros(8)),
-        ("learner/rolled_back", float("nan")),
         ("others", 5),
     ],
 )
 def test_numbers_that_no_run_has_are_refused_in_a_sentence(
     folder: Path, tmp_path: Path, capsys, path: str, value: object
 ) -> None:
-    """Histograms of 32 GB, pictures of minutes, and tracebacks."""
     state = read_checkpoint(folder / "checkpoint.pt")
     changed(state, path, value)
     write_checkpoint(state, tmp_path / "checkpoint.pt")
     assert main(["learning", str(tmp_path)]) == 2
     complaint = capsys.readouterr().err
     assert complaint.startswith("sprintlab: ") and complaint.count("\n") == 1
-
-
-def test_an_export_compares_sizes_before_it_takes_memory(folder: Path, monkeypatch) -> None:
-    """Settings of a stranger may want more than there is."""
-    state = read_checkpoint(folder / "checkpoint.pt")
-    state["settings"] = replace(TINY, ppo=replace(TINY.ppo, hidden=(4096,) * 20))
-    made = []
-    monkeypatch.setattr(export, "build_actor", lambda *given: (made.append(build_actor(*given)), made[-1])[1])
-    with pytest.raises(SprintlabError, match="not of the size"):
-        export.actor_from_checkpoint(state)
-    assert len(made) == 1 and next(made[0].parameters()).is_meta
 
 
 def test_the_grid_is_drawn_as_it_is() -> None:

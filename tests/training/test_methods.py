@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
-
-pytest.importorskip("rsl_rl")
 
 from sprintlab.commands import CommandStep, initial_state
 from sprintlab.core.errors import InvalidValueError
@@ -22,12 +22,6 @@ def changed(name: str, other: str) -> set[str]:
     return {field for field in first if first[field] != second[field]} - {"method"}
 
 
-def test_there_are_six() -> None:
-    assert set(METHODS) == {
-        "baseline", "no-envelope", "simplified-dc", "fixed-acceleration", "uniform-commands", "acs",
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("name", "other", "switch"),
     [
@@ -39,24 +33,19 @@ def test_there_are_six() -> None:
         ("baseline", "uniform-commands", "actuator_model"),
     ],
 )
-def test_neighbours_are_one_switch_apart(name: str, other: str, switch: str) -> None:
+def test_neighbours_of_the_six_are_one_switch_apart(name: str, other: str, switch: str) -> None:
+    assert len(METHODS) == len({method_settings(each).digest() for each in METHODS}) == 6
     assert changed(name, other) == {switch}
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_a_method_keeps_the_rest_of_its_base(name: str) -> None:
-    settings = method_settings(name, BASE)
-    assert settings.method == name
-    assert (settings.ppo, settings.seed, settings.reward) == (BASE.ppo, 11, BASE.reward)
-
-
-def test_every_method_has_its_own_digest() -> None:
-    assert len({method_settings(name).digest() for name in METHODS}) == 6
-
-
-def test_an_unknown_method_is_refused_by_name() -> None:
-    with pytest.raises(InvalidValueError, match=r"gallop.*acs"):
-        method_settings("gallop")
+@pytest.mark.parametrize(
+    ("work", "words"), [(method_settings, r"gallop.*acs"), (preset_settings, r"preset.*sprintlab.*paper")]
+)
+def test_an_unknown_name_is_refused_with_those_that_are_known(
+    work: Callable[[str], object], words: str
+) -> None:
+    with pytest.raises(InvalidValueError, match=words):
+        work("gallop")
 
 
 PRINTED = {
@@ -83,11 +72,6 @@ def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_
         assert settings.episodes.clone_share == settings.episodes.fast_start_share == 0.0
         assert settings.stages.second_top == 12.0
     assert preset_settings("sprintlab", BASE) == BASE
-
-
-def test_an_unknown_preset_is_refused() -> None:
-    with pytest.raises(InvalidValueError, match=r"preset.*sprintlab.*paper"):
-        preset_settings("table")
 
 
 def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:

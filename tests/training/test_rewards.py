@@ -6,9 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 
 from sprintlab.core.errors import InvalidValueError

@@ -6,24 +6,18 @@ import io
 from dataclasses import replace
 
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 from rich.console import Console
+from tests.training.small import small_settings
 
 from sprintlab.training import exam as exam_module
 from sprintlab.training.runs import progress
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.runs.screen import count, screen
 from sprintlab.training.runs.stopwatch import PARTS
-from sprintlab.training.settings import ExamSettings, PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.settings import ExamSettings
 
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=8),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)),
-    exam=ExamSettings(interval=1),
-)
+SETTINGS = small_settings(exam=ExamSettings(interval=1))
 
 
 @pytest.fixture(scope="module")

@@ -44,8 +44,6 @@ ACS = AdaptiveSchedule(
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 MOST_ENVIRONMENTS = 1 << 17
 """Robots side by side: sixteen times the default; a file may ask for all memory there is."""
-LARGEST_ROLLOUT = 1 << 23
-"""Policy steps of all robots in one iteration, which are kept until its end."""
 TRAINED_MODELS = ("refined", "simplified-dc", "square")
 """Motor models that the engine knows."""
 PRECISIONS = ("tf32", "float16")
@@ -491,8 +489,6 @@ class TrainingSettings:
         tied = [name for name, term in self.reward.items() if term.tied]
         if tied and "speed_held" not in self.reward:
             raise InvalidValueError(f"reward.{tied[0]}.tied", True, "false without the term speed_held")
-        rollout = self.simulation.environments * self.ppo.steps
-        check_range("simulation.environments * ppo.steps", rollout, 1, LARGEST_ROLLOUT)
 
     def as_dict(self) -> dict[str, Any]:
         """Nested plain values, for the hash and for loggers."""

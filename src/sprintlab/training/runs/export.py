@@ -47,13 +47,9 @@ def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
     settings: TrainingSettings = state["settings"]
     robot, weights = load_robot(settings.robot), state["policy"]
     try:
-        with torch.device("meta"):  # settings may say what fits no memory: first the sizes alone
-            sizes = {name: value.shape for name, value in build_actor(settings, robot).state_dict().items()}
-        if {name: value.shape for name, value in weights.items()} != sizes:
-            raise ValueError("other sizes")
         actor = build_actor(settings, robot)
         actor.load_state_dict(weights)
-    except (RuntimeError, TypeError, AttributeError, ValueError, OverflowError) as error:
+    except (RuntimeError, TypeError) as error:
         raise SprintlabError(
             "the policy of this checkpoint is not of the size that its settings say"
         ) from error

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import IO
+from typing import TextIO
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.signals import handled_by, terminations
@@ -30,47 +28,33 @@ def exclusive(folder: Path, wait: bool = False) -> Iterator[None]:
         wait: until another process lets go, instead of refusing.
 
     Raises:
-        SprintlabError: another process trains in this folder, or it cannot be made, or something else bears
-            the name ``.lock`` there.
+        SprintlabError: another process trains in this folder, or it cannot be made.
     """
     if sys.platform == "win32":
         yield
         return
     import fcntl
 
-    with _opened(folder) as handle:
+    with _opened(folder / LOCK_NAME) as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            owner = _noted(handle) or "unknown"
+            handle.seek(0)
+            owner = handle.read().strip() or "unknown"
             raise SprintlabError(f"another process trains in {folder}: process {owner}") from error
-        if _noted(handle) is None:
-            raise SprintlabError(
-                f"{folder / LOCK_NAME} is no file of sprintlab, and its name is needed: move it away"
-            )
-        os.ftruncate(handle.fileno(), 0)
-        os.pwrite(handle.fileno(), f"{os.getpid()}\n".encode(), 0)
+        handle.truncate(0)
+        handle.write(f"{os.getpid()}\n")
+        handle.flush()
         yield
 
 
-def _opened(folder: Path) -> IO[bytes]:
-    """The lock of a folder; a link in its place is not followed, it may lead to somebody's file."""
-    path = folder / LOCK_NAME
+def _opened(path: Path) -> TextIO:
+    """The file of a lock, made with its folder if it is not there."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        return open(os.open(path, flags, 0o644), "rb+", buffering=0)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a+")
     except OSError as error:
-        reason = "it is a link" if path.is_symlink() else error.strerror or error
-        raise SprintlabError(f"cannot write {path}: {reason}") from error
-
-
-def _noted(handle: IO[bytes]) -> str | None:
-    """The number of the process that last held a lock, empty where none has; None if this is no lock."""
-    if not stat.S_ISREG(os.fstat(handle.fileno()).st_mode):
-        return None
-    found = re.fullmatch(rb"(\d{0,20})\n?", os.pread(handle.fileno(), 32, 0))
-    return found[1].decode() if found else None
+        raise SprintlabError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 class StopRequest:

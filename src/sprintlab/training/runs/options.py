@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,10 +13,8 @@ from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
-_OWN_FOLDERS = ("milestones", "clips", "tensorboard", "wandb", ".wandb")
 GPU_MINUTES, CPU_MINUTES = 7.0, 60.0
 """Length of a run that says neither minutes nor iterations."""
-_MOST_MILESTONES = 1000
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 
@@ -71,21 +67,11 @@ class TrainOptions:
             check_range("iterations", self.iterations, 1, MOST_ITERATIONS)
         check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
-            self._check_milestones(self.milestones)
+            check_range("milestones", self.milestones, 1.0, 1e6, "s")
         if self.environments is not None:
             check_range("environments", self.environments, 2, MOST_ENVIRONMENTS)
         if self.wandb is not None and not self.tensorboard:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
-
-    def _check_milestones(self, interval: float) -> None:
-        """Refuse more files than a run needs: the options may come from a file, and would fill the disk."""
-        check_range("milestones", interval, 1.0, 1e6, "s")
-        seconds = self.seconds()
-        count = min(math.inf if seconds is None else seconds / interval, self.iterations or MOST_ITERATIONS)
-        if count > _MOST_MILESTONES and seconds is not None:
-            least = f"{seconds / 60.0:g} minutes may keep {_MOST_MILESTONES} policies"
-            reason = f"{least}, one every {seconds / _MOST_MILESTONES:.3g} s or less often"
-            raise InvalidValueError("milestones", interval, reason)
 
     @property
     def on_cpu(self) -> bool:
@@ -129,30 +115,6 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         check_checkpoint(checkpoint)
     check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
-    _check_own_folders(options.output)
-    if options.wandb is not None:
-        _check_settings_of_wandb()
-
-
-def _check_own_folders(output: Path) -> None:
-    """In a run folder that came from elsewhere, a link would lead what the run writes to another place."""
-    for folder in (output / name for name in _OWN_FOLDERS):
-        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-            raise SprintlabError(f"{folder} is no folder of the run, and its name is needed: move it away")
-
-
-def _check_settings_of_wandb() -> None:
-    """wandb obeys a file in the working folder, which may come from elsewhere.
-
-    It says to whom curves and the account's key go, and that the folder's code is saved: for that wandb
-    calls git, which runs what the folder's own ``.git/config`` names.
-    """
-    for path in (Path("wandb", "settings"), Path(".wandb", "settings")):
-        if os.path.lexists(path):
-            raise SprintlabError(
-                f"{path} in the working folder would say where the curves are sent: move it away, or start "
-                "elsewhere; your own settings belong into ~/.config/wandb/settings or WANDB_... variables"
-            )
 
 
 def _check_device(device: str) -> None:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import stat
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -258,14 +255,8 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 
 def _remove_halves(folder: Path) -> None:
-    """Delete the files that killed writes have left; ``.run.toml.swp`` and ``.run.toml.original`` are not."""
-    for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, POLICY_NAME):
+    """Delete the files that killed writes have left, named as tempfile names them."""
+    for name in ("checkpoint.pt", "log.jsonl", POLICY_NAME):
         for half in folder.glob(f".{name}.*"):
-            written = re.fullmatch("[a-z0-9_]{8}", half.name.removeprefix(f".{name}."))  # as tempfile names
-            if written and stat.S_ISREG((status := half.lstat()).st_mode) and _is_temporary(status):
+            if re.fullmatch("[a-z0-9_]{8}", half.suffix.removeprefix(".")):
                 half.unlink(missing_ok=True)
-
-
-def _is_temporary(status: os.stat_result) -> bool:
-    """Whether only its owner may read a file, as tempfile makes them; Windows does not tell."""
-    return sys.platform == "win32" or stat.S_IMODE(status.st_mode) == 0o600

@@ -220,16 +220,11 @@ class SlurmCluster:
 
 
 def new_job_folder(jobs: Path) -> Path:
-    """A new folder for submitit's files of one job.
-
-    submitit runs the pickle that bears the job's number, and follows links that bear the names of its logs:
-    in a sweep's folder that came from elsewhere, both may be another's.
+    """A new folder for submitit's files of one job: the numbers of local jobs come again.
 
     Raises:
-        SprintlabError: ``jobs`` is a link, or no folder can be made in it.
+        SprintlabError: no folder can be made in ``jobs``.
     """
-    if jobs.is_symlink():
-        raise SprintlabError(f"{jobs} is no folder of the sweep, and its name is needed: move it away")
     try:
         jobs.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(dir=jobs))

@@ -16,15 +16,13 @@ from typing import Any
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.core.reading import open_regular, parse_json, read_json
+from sprintlab.core.reading import read_json
 from sprintlab.training.methods import method
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import as_text, parse_value, split_assignment, with_changes
 
 RECORD_NAME = "run.json"
-_LARGEST_LOG = 1 << 34
-_SHOWN = ("iteration", "seconds", "steps_per_second", "speed_p999", "falls")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +127,8 @@ class RunPlan:
         """Write down what is about to be trained here.
 
         Raises:
-            SprintlabError: other settings have been trained here, a link leads away, or the disk refuses.
+            SprintlabError: other settings have been trained here, or the disk refuses.
         """
-        self._check_own_folder()
         record = self.record() or {}
         if record.get("config_hash", self.digest()) != self.digest():
             raise SprintlabError(f"{self.folder} holds a run with other settings: choose another folder")
@@ -140,28 +137,11 @@ class RunPlan:
         if not self.finished():
             atomic_write_json(self.folder / RECORD_NAME, {**self.asked(), "finished": False})
 
-    def _check_own_folder(self) -> None:
-        """Refuse a link in the sweep's folder: what is written behind it is not the run's.
-
-        What the sweep's folder itself is, or lies in, may be one.
-        """
-        method = self.folder.parent
-        variant = [method.parent] if "=" in method.parent.name and self.overrides else []
-        for place in (*variant, method, self.folder):
-            if place.is_symlink():
-                raise SprintlabError(f"{place} is a link, which no run is written through: move it away")
-
     def last_row(self) -> dict[str, float]:
-        """The newest row of the log; empty if it has none, or if its last line is no row of a training."""
-        try:
-            with open_regular(self.folder / "log.jsonl", _LARGEST_LOG) as file:
-                file.seek(0, 2)
-                file.seek(max(0, file.tell() - 8192))
-                row = parse_json(file.read().splitlines()[-1])
-        except (SprintlabError, ValueError, IndexError):
-            return {}
-        whole = isinstance(row, dict) and all(isinstance(row.get(name), int | float) for name in _SHOWN)
-        return row if whole else {}
+        """The newest row of the log; empty if it has none."""
+        log = self.folder / "log.jsonl"
+        lines = log.read_text().splitlines() if log.is_file() else []
+        return json.loads(lines[-1]) if lines else {}
 
     def share(self) -> float:
         """How much of the run is done, 0 to 1."""

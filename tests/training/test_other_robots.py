@@ -1,17 +1,32 @@
-"""A robot with an active waist through training, export, race and report."""
+"""Robots of another size or with another joint through a training."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("torch")
+import torch
 
 from sprintlab.api.races import race
 from sprintlab.api.training import export, train
 from sprintlab.control import load_policy
+from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.methods import method
 from sprintlab.training.settings import TrainingSettings
+
+
+def test_sixteen_go1_stand_and_move_on_the_cpu():
+    settings = method(robot="go1")
+    settings = replace(settings, simulation=replace(settings.simulation, environments=16))
+    environment = SprintEnvironment(settings, device="cpu")
+    for _ in range(10):
+        observation, reward, done, _ = environment.step(torch.zeros(16, 12))
+    assert observation["actor"].shape == (16, 450)
+    assert torch.isfinite(observation["actor"]).all()
+    assert torch.isfinite(reward).all()
+    assert done.float().mean() < 0.2
+    assert environment.engine.qpos.shape == (16, 19)
+    height = environment.engine.qpos[:, 2].median()
+    assert 0.8 * environment.robot.standing_height < height < 1.1 * environment.robot.standing_height
 
 
 @pytest.mark.slow
