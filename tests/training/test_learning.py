@@ -42,11 +42,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_pictures_are_there_and_are_pictures(folder: Path) -> None:
+def test_pictures_and_curves_are_there(folder: Path) -> None:
     for name in ("learning", "curriculum", "speeds"):
         picture = matplotlib.image.imread(folder / f"{name}.png")
         assert picture.shape[0] > 400 and picture.shape[1] > 500
         assert picture[..., :3].std() > 0.02, "an empty picture"
+    events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
+    events.Reload()
+    assert {"run/speed_p999", "run/grid_open", "run/falls", "loss/value"} <= set(events.Tags()["scalars"])
 
 
 def test_numbers_and_pictures_are_of_one_checkpoint(folder: Path, tmp_path: Path) -> None:
@@ -188,12 +191,6 @@ def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypat
     assert calls[0]["config"]["ppo"]["steps"] == 2
     with pytest.raises(SprintlabError, match="without tensorboard"):
         replace(options, tensorboard=False)
-
-
-def test_training_fills_tensorboard(folder: Path) -> None:
-    events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
-    events.Reload()
-    assert {"run/speed_p999", "run/grid_open", "run/falls", "loss/value"} <= set(events.Tags()["scalars"])
 
 
 def test_time_to_go_follows_what_ends_first() -> None:

@@ -24,6 +24,7 @@ if not hasattr(os, "fork"):
     pytest.skip("needs os.fork", allow_module_level=True)
 
 import torch
+from tests.training.small import small_settings
 
 from sprintlab.cli.main import main, parse
 from sprintlab.core import files
@@ -32,12 +33,11 @@ from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.guard import exclusive
 from sprintlab.training.runs.run import TrainOptions, train
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, SimulationSettings, StageSettings, TrainingSettings
+from sprintlab.training.settings import StageSettings
 
 ITERATIONS = 9
-TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,), std_anneal=None)
 STAGES = StageSettings(steady_share=1.0)  # the same phase, wherever a session ends
-SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY, stages=STAGES)
+SETTINGS = small_settings(16, ppo={"std_anneal": None}, stages=STAGES)
 FLAGS = (
     "train", "bp2", "--set", "simulation.environments=16", "--device", "cpu", "--save-seconds", "0",
     "--set", "ppo.steps=2", "--set", "ppo.epochs=1", "--set", "ppo.mini_batches=2",

@@ -17,8 +17,12 @@ from sprintlab.training.reward_tables import default_rewards
 from sprintlab.training.terms import RewardTerm, term
 
 TABLE = default_rewards()
-OTHERS = {"leg_distance": {"distance": 0.04}}
-"""Parameters of terms that the default table does not have."""
+OTHERS = {
+    "leg_distance": {"distance": 0.04},
+    "angular_tracking": {"sharpness": 1.5},
+    "swing_clearance": {"height": 0.11},
+}
+"""Parameters that the default table does not have."""
 WIDTHS = {
     "gravity": 3, "angular_velocity": 3, "velocity": 3, "joint_position": 12, "joint_velocity": 12,
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
@@ -50,6 +54,11 @@ def still(**body: torch.Tensor) -> RewardInput:
         running_side_speed=torch.zeros(1),
         weight=torch.tensor([400.0]),
     )
+
+
+def asked(*command: float, target: float = 20.0, **body: torch.Tensor) -> RewardInput:
+    """One robot with a command, of which the forward part moves toward a target."""
+    return still(**body)._replace(command=row(*command), target_speed=torch.tensor([target]))
 
 
 def loaded(**loads: torch.Tensor) -> RewardInput:
@@ -111,10 +120,24 @@ def value(each: RewardTerm, inputs: RewardInput) -> float:
         ),
         ("action_rate", still()._replace(action=torch.full((1, 12), 0.5)), 3.0),
         ("smoothness", still()._replace(previous_action=torch.full((1, 12), 0.5)), 12.0),
+        ("sideways_drift", still()._replace(running_side_speed=row(-0.3)[0]), 0.3),
+        ("sideways_drift", asked(8, 0, 0.3)._replace(running_side_speed=row(0.3)[0]), 0.0),
+        ("progress", asked(-2, 0, 0, target=-3.0, velocity=row(-1.5, 0, 0)), 0.15),
+        ("progress", asked(2, 0, 0, target=-3.0, velocity=row(-1.5, 0, 0)), 0.0),
+        ("progress", asked(7, 0, 0, target=9.0, velocity=row(8, 0, 0)), 0.7),
+        ("progress", asked(7, 0, 0, target=3.0, velocity=row(8, 0, 0)), 0.3),
+        ("progress", asked(7, 0, 0, target=-1.0, velocity=row(8, 0, 0)), 0.0),
+        ("linear_tracking", asked(3, 1, 0, velocity=row(3, 1, 5)), 1.0),
+        ("linear_tracking", asked(2, 0, 0, velocity=row(3, 1, 5)), math.exp(-2)),
+        ("angular_tracking", asked(0, 0, 2, angular_velocity=row(0, 0, 2)), 1.0),
+        ("angular_tracking", asked(0, 0, 1, angular_velocity=row(0, 0, 2)), math.exp(-1.5)),
+        ("yaw_rate_error", asked(0, 0, 1, angular_velocity=row(0, 0, 3)), 4.0),
+        ("swing_clearance", still(foot_height=row(0.21, 0.11, 0.11, 0.11)), 0.0),
     ],
 )
-def test_a_penalty_has_its_value(name: str, inputs: RewardInput, expected: float) -> None:
-    each = TABLE[name] if name in TABLE else term(getattr(rewards, name), -1.0, **OTHERS.get(name, {}))
+def test_a_term_has_its_value(name: str, inputs: RewardInput, expected: float) -> None:
+    table = name in TABLE and name not in OTHERS
+    each = TABLE[name] if table else term(getattr(rewards, name), 1.0, **OTHERS.get(name, {}))
     assert value(each, inputs) == pytest.approx(expected, rel=1e-5)
 
 
@@ -150,29 +173,6 @@ def test_what_is_tied_is_paid_by_how_well_the_speed_is_held(tied: bool) -> None:
     assert (earned.paid + earned.penalties).item() == pytest.approx(earned.parts.sum().item(), rel=1e-5)
 
 
-def test_drift_to_either_side_costs_its_speed() -> None:
-    for side in (-0.3, 0.0, 0.3):
-        inputs = still()._replace(running_side_speed=torch.tensor([side]))
-        assert rewards.sideways_drift(inputs).item() == pytest.approx(abs(side))
-        turning = inputs._replace(command=torch.tensor([[8.0, 0.0, 0.3]]))
-        assert rewards.sideways_drift(turning).item() == 0.0
-
-
-def test_running_backward_on_command_is_progress() -> None:
-    backward = still(velocity=row(-1.5, 0, 0))._replace(target_speed=torch.tensor([-3.0]))
-    for command, earned in ((-2, 0.15), (2, 0.0)):
-        assert value(TABLE["progress"], backward._replace(command=row(command, 0, 0))) == pytest.approx(
-            earned
-        )
-
-
-def test_a_robot_asked_to_brake_earns_no_progress_by_running_on() -> None:
-    running = still(velocity=row(8, 0, 0))._replace(command=row(7, 0, 0))
-    for target, earned in ((9.0, 0.7), (7.0, 0.7), (3.0, 0.3), (0.0, 0.0), (-1.0, 0.0)):
-        asked = running._replace(target_speed=torch.tensor([target]))
-        assert value(TABLE["progress"], asked) == pytest.approx(earned)
-
-
 def test_weights_blend_from_stage_to_stage() -> None:
     terms = RewardTerms({"orientation": TABLE["orientation"], "progress": TABLE["progress"]}, "cpu")
     for share, weight in ((0.0, -5.0), (0.25, -28.75), (1.0, -100.0)):
@@ -200,31 +200,13 @@ def test_penalties_of_a_broken_robot_are_finite() -> None:
     assert torch.isfinite(RewardTerms(TABLE, "cpu").values(inputs)).all()
 
 
-def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
-    inputs = still(velocity=row(3, 1, 0), angular_velocity=row(0, 0, 2))
-    for command, linear, sharp in ((row(3, 1, 2), 1.0, 1.0), (row(2, 0, 1), math.exp(-2), math.exp(-1.5))):
-        asked = inputs._replace(command=command)
-        assert rewards.linear_tracking(asked).item() == pytest.approx(linear)
-        assert rewards.angular_tracking(asked, sharpness=1.5).item() == pytest.approx(sharp)
-
-
 @pytest.mark.parametrize(
     ("mode", "expected"),
     [
         ("exponential", [1.5 * math.exp(-0.5), 1.5 * math.exp(-2)]),
         ("clipped", [0.5, 0.0]),
-        ("sum", [0.5, -2.5]),
     ],
 )
 def test_aggregation(mode: str, expected: list[float]) -> None:
     rate = aggregate(torch.full((2,), 1.5), torch.tensor([-1.0, -4.0]), mode)
     assert rate.tolist() == pytest.approx(expected)
-
-
-def test_the_papers_bare_squares_fight_turns_and_stances() -> None:
-    turning = still(angular_velocity=row(0, 0, 3))._replace(command=row(0, 0, 1))
-    assert rewards.yaw_rate_error(turning).item() == pytest.approx(4.0)
-    assert rewards.yaw_rate(turning).item() == pytest.approx(9.0)
-    high = still(foot_height=row(0.21, 0.11, 0.11, 0.11))
-    assert rewards.swing_clearance(high, height=0.11).item() == 0.0
-    assert rewards.foot_clearance(high, height=0.11).item() == pytest.approx(0.01)

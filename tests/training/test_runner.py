@@ -26,31 +26,27 @@ SETTINGS = small_settings(environments=16, steps=4, hidden=(32, 16))
 
 
 @pytest.fixture(scope="module")
-def runner() -> Runner:
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a run of two iterations."""
     runner = Runner(SETTINGS, "cpu", "sprintlab train --method acs")
     runner.iterate()
     runner.iterate()
-    return runner
-
-
-@pytest.fixture(scope="module")
-def checkpoint(runner: Runner, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "checkpoint.pt"
     runner.save(path)
     return path
 
 
-def test_two_iterations_are_counted_and_finite(runner: Runner) -> None:
-    assert runner.progress.iteration == 2
-    assert runner.progress.environment_steps == 2 * 4 * 16
-    assert len(runner.progress.log) == 2
-    assert all(np.isfinite(value) for row in runner.progress.log for value in row.values())
+def test_two_iterations_are_counted_and_finite(checkpoint: Path) -> None:
+    progress = read_checkpoint(checkpoint)["progress"]
+    assert (progress.iteration, progress.environment_steps, len(progress.log)) == (2, 2 * 4 * 16, 2)
+    assert all(np.isfinite(value) for row in progress.log for value in row.values())
 
 
 def test_a_resumed_run_is_the_run_that_never_stopped(tmp_path: Path) -> None:
     straight = Runner(SETTINGS, "cpu", "one")
     straight.iterate()
     straight.growth.upper = 3.7  # a curriculum that no fresh run has
+    straight.begin(straight.length)
     straight.save(tmp_path / "checkpoint.pt")
     straight.iterate()
     resumed = Runner(SETTINGS, "cpu", "two")

@@ -8,23 +8,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
-from torch.distributed import run as torchrun
+from tests.training.small import small_settings
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.run import TrainOptions, open_run, train
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 PROGRAM = """
 import sys
@@ -33,13 +28,11 @@ from pathlib import Path
 import torch
 torch.set_num_threads(1)
 from sprintlab.training.runs import run
-from sprintlab.training.settings import PpoSettings, StageSettings, TrainingSettings
+from sprintlab.training.settings import StageSettings
+from tests.training.small import small_settings
 
 folder, device, runners = Path(sys.argv[1]), sys.argv[2], []
-tiny = TrainingSettings(
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,), std_anneal=None),
-    stages=StageSettings(steady_share=1.0),
-)
+tiny = small_settings(ppo={"std_anneal": None}, stages=StageSettings(steady_share=1.0))
 straight = run.TrainOptions(
     output=folder / "straight", environments=8, iterations=4, device=device, tensorboard=False,
     settings=tiny, keep_robots=True,
@@ -65,47 +58,14 @@ for name, runner in zip(trainings, runners):
 TORCHRUN = ("--standalone", "--local-addr", "127.0.0.1", "--nproc-per-node", "2")
 
 
-def program(*arguments: str) -> None:
-    """The program as torchrun starts it."""
-    sys.argv[1:] = arguments
-    exec(PROGRAM, {"__name__": "__main__"})
-
-
-def forking_torchrun(arguments: Sequence[str], said: Path) -> None:
-    """torchrun in this process; its workers are forked, since importing takes longer than the training."""
-    descriptor = os.open(said, os.O_WRONLY | os.O_CREAT)
-    os.dup2(descriptor, 1)
-    os.dup2(descriptor, 2)
-    os.environ |= {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
-    configured = torchrun.config_from_args
-
-    def forked(given: Any) -> tuple[Any, Any, list[str]]:
-        config, _, after = configured(given)
-        return replace(config, start_method="fork"), program, after[after.index(str(said)) + 1 :]
-
-    torchrun.config_from_args = forked
-    torchrun.main([*TORCHRUN, str(said), *arguments])
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What two processes on the CPU ended with."""
-    folder = tmp_path_factory.mktemp("several")
-    torch.set_num_threads(1)  # no pool that a fork would lose
-    agent = get_context("fork").Process(target=forking_torchrun, args=((str(folder), "cpu"), folder / "said"))
-    agent.start()
-    agent.join(600.0)
-    agent.kill()
-    assert agent.exitcode == 0, (folder / "said").read_text()[-3000:]
-    return folder
-
-
-def train_on_two_gpus(folder: Path) -> Path:
-    """Run the program in two fresh processes: none that has asked for a GPU can be forked."""
+def train_on_two(folder: Path, device: str) -> Path:
+    """Run the program in two processes; returns the folder of what they ended with."""
     (folder / "program.py").write_text(PROGRAM)
+    own = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    own |= {"CUDA_VISIBLE_DEVICES": ""} if device == "cpu" else {}
     done = subprocess.run(
-        [sys.executable, "-m", "torch.distributed.run", *TORCHRUN, folder / "program.py", folder, "auto"],
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        [sys.executable, "-m", "torch.distributed.run", *TORCHRUN, folder / "program.py", folder, device],
+        env=os.environ | own,
         capture_output=True,
         text=True,
         timeout=300.0,
@@ -113,6 +73,11 @@ def train_on_two_gpus(folder: Path) -> Path:
     )
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return train_on_two(tmp_path_factory.mktemp("several"), "cpu")
 
 
 def read(folder: Path, name: str) -> dict:
@@ -125,7 +90,7 @@ def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) 
 
 @pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
 def test_two_gpus_end_with_the_same_networks_and_curriculum(tmp_path: Path) -> None:
-    assert_equal_ends(train_on_two_gpus(tmp_path))
+    assert_equal_ends(train_on_two(tmp_path, "auto"))
 
 
 def assert_equal_ends(folder: Path) -> None:
@@ -187,9 +152,8 @@ def test_graphs_are_let_go_before_processes_part(
             return super().iterate()
 
     monkeypatch.setattr("sprintlab.training.runs.run.Runner", Watched)
-    tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
     cheap = {"environments": 8, "iterations": 1, "device": "cpu", "tensorboard": False}
-    options = TrainOptions(output=tmp_path, settings=tiny, **cheap)
+    options = TrainOptions(output=tmp_path, settings=small_settings(), **cheap)
     with nullcontext() if ends == "well" else pytest.raises(SprintlabError, match="no room"):
         train(options)
     assert not {"act", "record", "update"} & set(vars(runners[0].learner))

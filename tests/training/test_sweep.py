@@ -67,7 +67,7 @@ def test_assignments_are_read_as_numbers_lists_and_words() -> None:
     "overrides",
     [
         {},
-        {"ppo.std_anneal": [0.1, 0.2], "reward_sum": "sum"},
+        {"ppo.std_anneal": [0.1, 0.2], "reward_sum": "clipped"},
         {"ppo.std_anneal": None},
         {"simulation.heat": {}, "ppo.epochs": 2},
         {"simulation.heat": {"ambient_temperature": 30.0}},
@@ -225,32 +225,21 @@ def test_an_interrupted_sweep_leaves_its_jobs_to_the_cluster_and_goes_on_later(t
     assert cluster.left == cluster.jobs[:2]
 
 
-class Stubborn:
-    """A process that hears the third request; what ``LocalCluster.leave`` has to do with."""
-
-    def __init__(self, hears: int) -> None:
-        code = (
-            "import signal, sys, time\nheard = []\n"
-            "def hear(*_):\n heard.append(1)\n if len(heard) >= int(sys.argv[1]): sys.exit(143)\n"
-            "signal.signal(signal.SIGTERM, hear)\nprint('ready', flush=True)\nwhile True: time.sleep(1)"
-        )
-        self.process = subprocess.Popen([sys.executable, "-c", code, str(hears)], stdout=subprocess.PIPE)
-        assert self.process.stdout is not None
-        self.process.stdout.readline()
-        self.job_id = str(self.process.pid)
-
-    def done(self, force_check: bool = False) -> bool:
-        return self.process.poll() is not None
-
-    def stderr(self) -> str | None:
-        return None
-
-
-def test_local_workers_are_asked_until_they_end_and_then_killed(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("sprintlab.training.runs.sweep.LEAVE_SECONDS", 4)
-    jobs = [Stubborn(2), Stubborn(1000)]
+def test_local_workers_are_asked_to_end_and_then_killed(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("sprintlab.training.runs.sweep.LEAVE_SECONDS", 2)
+    deaf = "import signal, time; signal.signal(15, signal.SIG_IGN); print('on', flush=True); time.sleep(60)"
+    started = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+        for code in (deaf, deaf.replace("SIG_IGN", "SIG_DFL"))
+    ]
+    for process in started:
+        process.stdout.readline()
+    jobs = [
+        types.SimpleNamespace(job_id=str(each.pid), done=lambda e=each: e.poll() is not None)
+        for each in started
+    ]
     LocalCluster(tmp_path, 1, [], 1.0).leave(jobs)
-    assert [job.process.wait(5) for job in jobs] == [143, -signal.SIGKILL]
+    assert [process.wait(5) for process in started] == [-signal.SIGKILL, -signal.SIGTERM]
 
 
 def test_slots_are_gpus_times_trainings_on_each(tmp_path: Path, monkeypatch) -> None:

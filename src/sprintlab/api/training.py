@@ -315,17 +315,16 @@ def learning(
         SprintlabError: there is no checkpoint, damaged, or a milestone, or the extra is missing.
     """
     require_training()
-    from sprintlab.training.runs.checkpoint import check_checkpoint, read_checkpoint
+    from sprintlab.training.runs.checkpoint import read_checkpoint
 
     run = Path(run_folder)
     checkpoint = run / "checkpoint.pt" if run.is_dir() else run
     place = checkpoint.parent if output is None else Path(output)
-    check_checkpoint(checkpoint)  # before PyTorch is imported, which takes many seconds
-    check_writable(place / "learning.png")
     progress("reading the run", None)
+    state = read_checkpoint(checkpoint)
+    check_writable(place / "learning.png")
     from sprintlab.training.runs.figures import learning_figures, learning_numbers
 
-    state = read_checkpoint(checkpoint)
     if "growth" not in state:
         raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
     with refused_as_damaged(checkpoint):
@@ -370,7 +369,7 @@ def export(
     """
     require_training()
     from sprintlab.control.turning import TurningContract
-    from sprintlab.training.runs.checkpoint import check_checkpoint
+    from sprintlab.training.runs.checkpoint import read_checkpoint
 
     checkpoint, output, pace = Path(checkpoint), Path(output), _pace(power=braking_power, lead=lead)
     turning = None if turning_speed is None else TurningContract(doubling_speed=turning_speed)
@@ -378,7 +377,7 @@ def export(
         raise SprintlabError(f"checkpoint {checkpoint} does not exist")
     if output.is_dir():
         raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
-    check_checkpoint(checkpoint)
+    read_checkpoint(checkpoint)
     check_writable_file(output)
     progress("exporting", None)
     from sprintlab.training.runs.export import export_checkpoint

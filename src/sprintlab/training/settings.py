@@ -47,7 +47,7 @@ MOST_ENVIRONMENTS = 1 << 17
 TRAINED_MODELS = ("refined", "simplified-dc", "square")
 """Motor models that the engine knows."""
 PRECISIONS = ("tf32", "float16")
-REWARD_SUMS = ("exponential", "clipped", "sum")
+REWARD_SUMS = ("exponential", "clipped")
 NORMALIZER_FLOOR = 1e-2
 """Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
 PRIOR_FADE = (800, 1600)
@@ -452,7 +452,7 @@ class TrainingSettings:
         actuator_model: motor model in training.
         schedule: how commands evolve.
         reward: terms by name: ``reward_tables``.
-        reward_sum: ``"exponential"`` rewards * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
+        reward_sum: ``"exponential"`` rewards * exp(penalties / 2) or ``"clipped"`` max(0, sum).
         randomization: what differs from robot to robot, by name: ``environment.randomization``.
         constraints: what the audit limits, as shares of the future that end; None: only rewards.
         prior: strides that are rewarded at the start; none in the paper.

@@ -84,11 +84,10 @@ def _added(parts: Sequence[torch.Tensor], nothing: torch.Tensor) -> torch.Tensor
 
 
 def aggregate(paid: torch.Tensor, penalties: torch.Tensor, how: str) -> torch.Tensor:
-    """Reward rate ``(n,)`` from both sums.
+    """Reward rate ``(n,)`` from both sums, ``"exponential"`` or ``"clipped"``.
 
-    ``"exponential"`` keeps a gradient where penalties are large and never rewards an early end.
+    The first keeps a gradient where penalties are large and never rewards an early end.
     """
     if how == "exponential":
         return paid * torch.exp(PENALTY_SCALE * penalties.clamp(min=-20.0))
-    total = paid + penalties
-    return total.clamp(min=0.0) if how == "clipped" else total
+    return (paid + penalties).clamp(min=0.0)

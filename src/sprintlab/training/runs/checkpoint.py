@@ -72,11 +72,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     return state
 
 
-def check_checkpoint(path: Path) -> set[str]:
-    """Names of what a checkpoint holds. Raises as ``read_checkpoint``."""
-    return set(read_checkpoint(path))
-
-
 def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
     """Refuse another robot than the one that was trained: a policy would bear its name, and a run mix both.
 

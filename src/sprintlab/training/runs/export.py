@@ -169,16 +169,7 @@ def _verify(data: bytes, network: Actor, robot: RobotDescription) -> tuple[int, 
         atomic_write_bytes(path, data)
         policy = load_policy(path, robot)
     seen = observe_run(policy, robot)
-    return len(seen.action), max(_compare(network, seen), compare_on_random_inputs(network, policy))
-
-
-def compare_on_random_inputs(network: Actor, policy: Policy) -> float:
-    """Greatest difference between the actions and estimates of a network and a policy file, on the CPU.
-
-    Raises:
-        PolicyFileError: it is more than ``EXPORT_TOLERANCE``.
-    """
-    return _compare(network, _random_inputs(policy))
+    return len(seen.action), max(_compare(network, seen), _compare(network, _random_inputs(policy)))
 
 
 def _random_inputs(policy: Policy) -> ObservedRun:

@@ -10,7 +10,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint
+from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, read_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
 GPU_MINUTES, CPU_MINUTES = 7.0, 60.0
@@ -112,7 +112,7 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     load_robot(options.settings.robot)
     if options.resume:
-        check_checkpoint(checkpoint)
+        read_checkpoint(checkpoint)
     check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
 
