@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from tests.motors.workbench.benches import bench, said
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.workbench.identification import Bench, identify
+from sprintlab.workbench.identification import identify
 
 PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
 CONSTANT = 1.5 * PAIRS * FLUX
@@ -29,25 +30,8 @@ def shaft(current, speed, efficiency=1.0):
     return ideal * efficiency ** np.sign(current * speed) - COULOMB * np.sign(speed) - VISCOUS * speed
 
 
-def bench(current, torque, speed, **others):
-    count = len(current)
-    return Bench(
-        current=current,
-        torque=torque,
-        speed=speed,
-        d_current=np.zeros(count),
-        limited=np.zeros(count, dtype=bool),
-        lines=np.arange(count) + 2,
-        **others,
-    )
-
-
 def fitted(data, **options):
     return identify(data, pole_pairs=PAIRS, peak_current=PEAK, **options)
-
-
-def said(found, words):
-    return any(words in warning for warning in found.warnings)
 
 
 def test_the_zero_of_the_torque_sensor_is_noticed_and_fitted():

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.motors.workbench.benches import bench as rows
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.workbench.identification import Bench, identify, is_log, load_bench, rested
+from sprintlab.workbench.identification import identify, is_log, load_bench, rested
 
 PAIRS, FLUX, SATURATION, PEAK = 7, 0.011, 0.16, 20.0
 CONSTANT = 1.5 * PAIRS * FLUX
@@ -41,16 +42,7 @@ def lagged(values, rows):
 
 
 def bench(time, current, speed, torque):
-    count = len(time)
-    return Bench(
-        current=current,
-        torque=torque,
-        speed=speed,
-        d_current=np.zeros(count),
-        limited=np.zeros(count, dtype=bool),
-        time=time,
-        lines=np.arange(count) + 2,
-    )
+    return rows(current, torque, speed, time=time)
 
 
 def fitted(data, **options):
