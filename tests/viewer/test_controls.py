@@ -188,13 +188,6 @@ def test_curves_are_drawn_and_go_on(window):
         assert plots.nth(number).evaluate(COLORED_PIXELS) > 50
 
 
-def test_dark_page_is_dark(window):
-    brightness = "getComputedStyle(document.body).color"
-    light = window.evaluate(brightness)
-    control(window, "Dark page", "input[@type='checkbox']").click()
-    window.wait_for_function(f"light => {brightness} !== light", arg=light)
-
-
 def test_sticks_move_the_sliders_and_buttons_act(window, page, pad, knobs, monkeypatch):
     _, writing = pad
     assert "connected" in window.inner_text("#gamepad")

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import sprintlab as sl
 from sprintlab.cli.main import main
-from sprintlab.commands import Track, command_start
+from sprintlab.commands import command_start
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import ModelOptions, build_model, load_robot, robot_names
 from sprintlab.viewer.envelope_plot import EnvelopePlot
@@ -18,7 +18,6 @@ from sprintlab.viewer.replay import (
     WORLD_RECORDS,
     ReplayRun,
     ReplayText,
-    is_lap,
     load_arrays,
     render_replay,
     torque_share,
@@ -191,15 +190,6 @@ def test_ghosts_run_on_neighbouring_lanes_with_live_gaps(tab, ghosts, recorded):
     assert behind[0] - behind[1] == pytest.approx(float(expected[0][1] - expected[0][0]), abs=0.11)
     tab.evaluate(GO_TO, 1e9)
     assert tab.evaluate("replay.gaps()")[0].endswith(" s")
-
-
-def test_a_run_round_the_track_is_seen_as_one(recorded):
-    assert not is_lap(recorded)
-    track = Track()
-    angle = np.linspace(0.0, np.pi, 50)
-    bend = np.zeros((50, 7))
-    bend[:, 0], bend[:, 1] = track.radius * np.sin(angle), track.radius * (1.0 - np.cos(angle))
-    assert is_lap({"qpos": bend})
 
 
 def test_a_lap_is_shown_against_the_record_over_its_distance(recorded, tmp_path):
