@@ -1,6 +1,5 @@
 """Estimate against truth: frames, bands, and that what a policy estimates arrives in the metrics."""
 
-import json
 import math
 
 import numpy as np
@@ -9,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.short_trials import COARSE
 
-from sprintlab.cli.main import main
 from sprintlab.control import load_policy
 from sprintlab.evaluation.estimates import (
     body_velocity,
@@ -119,13 +117,3 @@ def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, ro
     (band,) = trial.metrics.estimate
     assert (band.lower, band.upper) == (0.0, 2.0) and band.samples == len(height[::10])
     assert band.contact_accuracy > 0.9 and band.velocity_error < 0.1 and band.height_error < 0.05
-
-
-@pytest.mark.usefixtures("brief_trials")
-def test_evaluate_prints_the_estimates(estimating_policy, tmp_path, capsys):
-    options = ("--start", "0.5", "--top", "0.5", "--trials", "1", "--workers", "1")
-    out = tmp_path / "numbers.json"
-    assert main(["evaluate", str(estimating_policy), *options, "--output", str(out)]) == 0
-    assert "Estimate against truth at the highest speed, raw" in capsys.readouterr().out
-    (band,) = json.loads(out.read_text())["raw"]["estimate"]
-    assert band["samples"] > 50 and band["contact_accuracy"] > 0.9
