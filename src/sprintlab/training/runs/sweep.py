@@ -19,13 +19,16 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json, atomic_write_text
 from sprintlab.core.signals import handled_by
 from sprintlab.training.runs.sweep_plan import RECORD_NAME, RunPlan
+
+if TYPE_CHECKING:
+    from submitit import Job
 
 CURVE_ROWS = 500
 """Rows that a curve keeps at most: enough to draw, small enough to commit."""
@@ -94,43 +97,6 @@ def curve_text(log: Sequence[dict[str, float]]) -> str:
 # --- where work is done ----------------------------------------------------------------------------------
 
 
-class Job(Protocol):
-    """What the sweep needs to know of a submitit job."""
-
-    def done(self, force_check: bool = False) -> bool:
-        """Whether it has ended, well or not."""
-        ...
-
-    @property
-    def job_id(self) -> str:
-        """Its number; for a local job that of the process that watches over it."""
-        ...
-
-    def stderr(self) -> str | None:
-        """What it has said on stderr so far."""
-        ...
-
-
-class Cluster(Protocol):
-    """Where jobs go.
-
-    Attributes:
-        slots: jobs at a time; ``None`` where the scheduler has its own queue.
-        bundle: trainings in one job.
-    """
-
-    slots: int | None
-    bundle: int
-
-    def submit(self, plans: Sequence[RunPlan], slot: int) -> Job:
-        """Start a job."""
-        ...
-
-    def leave(self, jobs: Sequence[Job]) -> None:
-        """Do with running jobs what is to be done when the sweep ends before them."""
-        ...
-
-
 def visible_gpus() -> list[int]:
     """Numbers of this machine's GPUs that may be used; empty where there are none."""
     chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
@@ -150,6 +116,10 @@ class LocalCluster:
         per_gpu: trainings side by side on a GPU, or on the CPU where there is no GPU.
         gpus: numbers of the GPUs.
         minutes: that a job may take.
+
+    Attributes:
+        slots: jobs at a time.
+        bundle: trainings in one job.
     """
 
     bundle = 1
@@ -159,7 +129,7 @@ class LocalCluster:
         self._folder, self._gpus, self._minutes = folder, list(gpus), minutes
         self.slots: int | None = per_gpu * max(1, len(self._gpus))
 
-    def submit(self, plans: Sequence[RunPlan], slot: int) -> Job:
+    def submit(self, plans: Sequence[RunPlan], slot: int) -> Job[Any]:
         """Start a process on the GPU of this slot."""
         import submitit
 
@@ -172,7 +142,7 @@ class LocalCluster:
         with handled_by(signal.SIG_IGN, [signal.SIGINT]):
             return executor.submit(work, list(plans))
 
-    def leave(self, jobs: Sequence[Job]) -> None:
+    def leave(self, jobs: Sequence[Job[Any]]) -> None:
         """Ask them to save and end; again each second, since a worker that is starting does not listen."""
         for second in range(LEAVE_SECONDS):
             running = [job for job in jobs if not job.done()]
@@ -192,6 +162,10 @@ class SlurmCluster:
         per_gpu: trainings side by side on a GPU.
         minutes: that a job may take.
         partition: of the cluster; its default when ``None``.
+
+    Attributes:
+        slots: ``None``: Slurm has its own queue.
+        bundle: trainings in one job.
     """
 
     slots: int | None = None
@@ -203,7 +177,7 @@ class SlurmCluster:
         self._folder, self.bundle = folder, per_gpu
         self._minutes, self._partition = minutes, partition
 
-    def submit(self, plans: Sequence[RunPlan], slot: int) -> Job:
+    def submit(self, plans: Sequence[RunPlan], slot: int) -> Job[Any]:
         """Queue one job with a task for each of the runs."""
         import submitit
 
@@ -215,7 +189,7 @@ class SlurmCluster:
             executor.update_parameters(slurm_partition=self._partition)
         return executor.submit(work, list(plans))
 
-    def leave(self, jobs: Sequence[Job]) -> None:
+    def leave(self, jobs: Sequence[Job[Any]]) -> None:
         """Let them run: Slurm keeps them, and the next sweep finds what they have done."""
 
 
@@ -259,7 +233,7 @@ class RunStatus:
 
 @dataclass
 class _Active:
-    job: Job
+    job: Job[Any]
     runs: list[RunStatus]
     slot: int
 
@@ -275,7 +249,7 @@ class Sweep:
     """
 
     plans: Sequence[RunPlan]
-    cluster: Cluster
+    cluster: LocalCluster | SlurmCluster
     retries: int = 3
     runs: list[RunStatus] = field(init=False)
 
@@ -338,7 +312,7 @@ class Sweep:
             for run in active.runs:
                 self._judge(run, active.job)
 
-    def _judge(self, run: RunStatus, job: Job) -> None:
+    def _judge(self, run: RunStatus, job: Job[Any]) -> None:
         if run.plan.finished():
             run.state = "finished"
         elif run.restarts < self.retries:
@@ -348,7 +322,7 @@ class Sweep:
             run.state, run.reason = "failed", last_line(job)
 
 
-def last_line(job: Job) -> str:
+def last_line(job: Job[Any]) -> str:
     """The last thing that a job has said, e.g. its error."""
     lines = [line for line in (job.stderr() or "").splitlines() if line.strip()]
     return lines[-1].strip() if lines else "its worker vanished without a word"
