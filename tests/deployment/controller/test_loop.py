@@ -67,11 +67,8 @@ class Sleeper:
     def read(self, view):
         return None
 
-    def close(self):
-        """Nothing to let go of."""
 
-
-class Riser(Sleeper):
+class Riser:
     """Wants to stand."""
 
     sequence = 0

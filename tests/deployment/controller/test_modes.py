@@ -36,12 +36,8 @@ class Operator:
 
     def read(self, view):
         self.sequence += 1
-        self.view = view
         velocity = np.array([self.speed, 0.0, 0.0])
         return OperatorCommand(sequence=self.sequence, velocity=velocity, request=self.request)
-
-    def close(self):
-        pass
 
 
 def modes(rig):
@@ -187,25 +183,21 @@ def test_a_policy_that_would_run_on_when_told_to_brake_is_refused(pace, given, s
         Controller(policy, robot, Operator())
 
 
-def changed_states(**changes):
-    return lambda states: [replace(state, **changes) for state in states]
+UNFIT = [
+    {"quaternion": np.array([np.cos(0.4), np.sin(0.4), 0.0, 0.0])},
+    {"joint_velocity": np.full(12, 3.0)},
+    {"status": int(RobotStatus.DRIVE_FAULT)},
+    {"status": int(RobotStatus.WATCHDOG_EXPIRED)},
+    {"command_sequence": 1},
+    {"session": 7},
+]
+"""Tilted, moving, a fault of a drive, an expired watchdog, answers no more, not ours."""
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"quaternion": np.array([np.cos(0.4), np.sin(0.4), 0.0, 0.0])},
-        {"joint_velocity": np.full(12, 3.0)},
-        {"status": int(RobotStatus.DRIVE_FAULT)},
-        {"status": int(RobotStatus.WATCHDOG_EXPIRED)},
-        {"command_sequence": 1},
-        {"session": 7},
-    ],
-    ids=["tilted", "moving", "drive fault", "watchdog expired", "answers no more", "not ours"],
-)
+@pytest.mark.parametrize("changes", UNFIT, ids=lambda changes: next(iter(changes)))
 def test_an_unfit_robot_is_not_stood_up(lying, changes):
     lying.run(0.2)
-    lying.on_states = changed_states(**changes)
+    lying.on_states = lambda states: [replace(state, **changes) for state in states]
     lying.run(0.2)
     lying.source.request = Request.STAND
     assert lying.run(0.2).mode == "passive"
