@@ -433,7 +433,7 @@ def sweep(
         iterations: at which each run ends, if the time has not ended it.
         environments: robots side by side in each run.
         device: of each run: auto, cuda:0 or cpu; every worker sees only the GPU that it was given.
-        per_gpu: trainings that share a GPU, or the CPU where there is none; memory must allow it.
+        per_gpu: trainings that share a GPU, or the CPU of a machine without one; memory must allow it.
         gpus: GPUs of this machine to use; all when left out.
         cluster: local: processes of this machine; slurm: jobs with one GPU each.
         partition: of the Slurm cluster.

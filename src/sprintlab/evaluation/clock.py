@@ -31,7 +31,7 @@ class ClockTrials:
         clock: the policy's.
         trials: how many ran.
         completed: how many did not fall and came to rest.
-        held_speed: mean over those [m/s]; this and the following are ``nan`` where there is none.
+        held_speed: mean over those [m/s]; this and the following are ``nan`` without one.
         stride_frequency: median [Hz].
         stride_steps: the same as policy steps a stride.
         clock_distance: how far the stride is from a whole number of policy steps, median over the trials.

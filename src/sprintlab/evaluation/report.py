@@ -122,7 +122,7 @@ def render_report(
         pictures: from ``make_pictures``.
         facts: name and value pairs that say how to repeat it (command, versions, policy).
         video: MP4 file, embedded when given.
-        video_message: one line that stands where the video would, when there is none.
+        video_message: one line that stands in the place of a missing video.
         replay: name of the interactive page beside the report; no link when left out.
     """
     fault = engine_fault(result)

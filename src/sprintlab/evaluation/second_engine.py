@@ -23,7 +23,7 @@ LARGEST_LOSS = 0.10
 numbers and motor law, but with dynamics and time stepping of their own, should agree better than this."""
 
 SMALLEST_LOSS = 0.1
-"""A loss up to this is none, whatever its share [m/s]."""
+"""A loss up to this counts as zero, whatever its share [m/s]."""
 
 STORED = SHIPPED_POLICIES / "second_engine.json"
 """What the policies of the package do in both engines, by the SHA-256 of their files."""

@@ -161,7 +161,7 @@ def mean(values: Sequence[float]) -> float:
 
 
 def stored_study(folder: Path) -> dict[str, Any]:
-    """What the study in a folder says of itself; empty where there is none, and one may begin.
+    """What the study in a folder says of itself; empty where a study may begin.
 
     Raises:
         SprintlabError: it is not a folder, holds something else, or nothing can be written there.

@@ -204,7 +204,7 @@ class Exam(SprintEnvironment):
         self.steady_sums = zeros(n, 3 + 2 * legs)  # steps, speed, power, each foot's force and stance
         self.part_sums, self.phase_sums = zeros(len(PHASES), len(CONSTRAINTS)), zeros(len(PHASES))
         self.path = zeros(self.steps(self.settings.stages.second_top), self.engine.qpos.shape[1])
-        self._nobody = torch.zeros(n, dtype=torch.bool, device=self.device)
+        self._no_robot = torch.zeros(n, dtype=torch.bool, device=self.device)
 
     @staticmethod
     def steps(top: float) -> int:
@@ -242,7 +242,7 @@ class Exam(SprintEnvironment):
         )  # fmt: skip
         for buffer in zeroed:
             buffer.zero_()
-        self._observe(~self._nobody)
+        self._observe(~self._no_robot)
 
     @torch.no_grad()
     def _examine(self) -> None:
@@ -258,7 +258,7 @@ class Exam(SprintEnvironment):
         self.earlier_action.copy_(self.previous_action)
         self.previous_action.copy_(self.action)
         self._command()
-        self._observe(self._nobody, body)
+        self._observe(self._no_robot, body)
 
     def _command(self) -> None:
         """The profile's speed, and the yaw rate of the protocol's heading loop."""
