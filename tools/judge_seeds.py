@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +30,7 @@ from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.pool import WorkerProcesses
 from sprintlab.evaluation.protocol import JOINT_NOISE, ProtocolSettings
+from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.results import TrialMetrics
 from sprintlab.evaluation.robustness import ALL, draw_request
 from sprintlab.evaluation.sweep import Case, Run, run_case
@@ -154,21 +156,21 @@ def row_of(path: str, top: float, pairs: Sequence[tuple[Task, TrialMetrics | Run
 def shown(rows: Sequence[dict[str, Any]]) -> Any:
     """The rows as a table."""
 
-    def number(value: float | None) -> str:
-        return "-" if value is None or not np.isfinite(value) else f"{value:.2f}"
+    def cell(value: float | None) -> str:
+        return number(math.nan if value is None else value)
 
     columns = ("policy", "held", "fails", "best passed", "100 m", "slope", "late", "weak", "turns", "sprints")
     cells = (
         (
             Path(row["policy"]).parent.name or row["policy"],
-            number(row["held_speed_m_s"]),
+            cell(row["held_speed_m_s"]),
             ", ".join(row["failed"]) or "nothing",
-            number(row["best_passed_m_s"]),
-            " ".join(number(each) for each in row["sprint_time_s"]),
-            *(number(row[f"{name}_held_m_s"]) for name in ("slope", "late", "weak")),
+            cell(row["best_passed_m_s"]),
+            " ".join(cell(each) for each in row["sprint_time_s"]),
+            *(cell(row[f"{name}_held_m_s"]) for name in ("slope", "late", "weak")),
             f"{100 * min(row['turn_gain']):.0f} to {100 * max(row['turn_gain']):.0f} %",
-            f"{100 * row['sprints_upright']:.0f} %, {number(row['sprints_median_m_s'])}, "
-            f"{number(row['sprints_slow_m_s'])}",
+            f"{100 * row['sprints_upright']:.0f} %, {cell(row['sprints_median_m_s'])}, "
+            f"{cell(row['sprints_slow_m_s'])}",
         )
         for row in rows
     )

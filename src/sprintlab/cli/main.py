@@ -158,7 +158,7 @@ def _play(page: Playing, json: bool) -> int:
     """Say where the page is, and serve it until Ctrl-C, which may come at once."""
     with suppress(KeyboardInterrupt):
         _print(page, json, {})
-        page.serve()
+        page.run()
     return page.status
 
 

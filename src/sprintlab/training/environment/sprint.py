@@ -24,6 +24,7 @@ from sprintlab.commands import (
 )
 from sprintlab.control import (
     ESTIMATE_SIZE,
+    POLICY_RATE_HZ,
     LowPass,
     Proprioception,
     join_proprioception,
@@ -61,7 +62,7 @@ from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.settings import PHASES, TrainingSettings
 
-POLICY_STEP, SUBSTEPS = 0.02, 80
+POLICY_STEP, SUBSTEPS = 1.0 / POLICY_RATE_HZ, 80
 """Policy step [s], and physics steps in it: the plant's own 0.25 ms. Running agrees with 0.5 ms, too, but the
 fastest joint of a brake from top speed is then 6 % slow, and the audit's limit is not practised."""
 WINDING_TEMPERATURE = (25.0, 90.0)

@@ -24,7 +24,7 @@ from torch.nn import functional
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.learner.mirror import Mirror
 
-_COLUMNS = 8
+COLUMNS = 8
 """Inputs are filled up with zeros to a multiple of this: the fast matrix kernels of a GPU read eight numbers
 of 16 bits at once."""
 _PARTS = 32
@@ -63,7 +63,7 @@ class FirstLayer(_Folded):
         size, pairs = mirror.size, _pairs(width)
         super().__init__(_uniform(size, pairs, 1.0 / math.sqrt(size)), mirror)
         self.bias = nn.Parameter(_uniform(pairs, 1, 1.0 / math.sqrt(size))[:, 0])
-        self._fill = -size % _COLUMNS
+        self._fill = -size % COLUMNS
 
     def forward(self, vector: torch.Tensor, precision: torch.dtype) -> torch.Tensor:
         """Sums and differences side by side ``(1, n, width)``, from one product."""

@@ -16,7 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
-from sprintlab.training.learner.equivariant import LastLayer, SymmetricPerceptron, SymmetricTrunk
+from sprintlab.training.learner.equivariant import COLUMNS, LastLayer, SymmetricPerceptron, SymmetricTrunk
 from sprintlab.training.learner.mirror import (
     ESTIMATE_MIRROR,
     HANDEDNESS_MIRROR,
@@ -35,7 +35,6 @@ would drown all else."""
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
 _LOG_VARIANCE_RANGE = (-8.0, 4.0)
-_COLUMNS = 8
 
 
 class FirstLinear(nn.Linear):
@@ -46,7 +45,7 @@ class FirstLinear(nn.Linear):
     """
 
     def __init__(self, inputs: int, outputs: int) -> None:
-        self._fill = -inputs % _COLUMNS
+        self._fill = -inputs % COLUMNS
         super().__init__(inputs + self._fill, outputs)
         with torch.no_grad():
             self.weight[:, inputs:] = 0.0  # nothing ever reaches them, no gradient either
