@@ -131,7 +131,7 @@ def _through(settings, folder):
         environments=2,
         device="cpu",
         fused=False,
-        tensorboard=False,
+        plain=True,
     )
     result = evaluate_race(
         trained.policy,

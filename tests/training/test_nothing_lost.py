@@ -41,7 +41,7 @@ SETTINGS = small_settings(16, ppo={"std_anneal": None}, stages=STAGES)
 FLAGS = (
     "train", "bp2", "--set", "simulation.environments=16", "--device", "cpu", "--save-seconds", "0",
     "--set", "ppo.steps=2", "--set", "ppo.epochs=1", "--set", "ppo.mini_batches=2",
-    "--set", "ppo.hidden=[16]", "--no-tensorboard",
+    "--set", "ppo.hidden=[16]", "--plain",
 )  # fmt: skip
 TIMING = ("seconds", "steps_per_second")
 

@@ -42,7 +42,7 @@ def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
         environments=4,
         device="cpu",
         fused=False,
-        tensorboard=False,
+        plain=True,
     )
     export(trained.checkpoint, tmp_path / "policy.onnx")
     policy = load_policy(tmp_path / "policy.onnx")

@@ -77,7 +77,7 @@ def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, mon
         raise SprintlabError("No space left on device")
 
     monkeypatch.setattr("sprintlab.training.runs.checkpoint.atomic_write_bytes", full)
-    few = ["--set", "simulation.environments=2", "--iterations", "1", "--device", "cpu", "--no-tensorboard"]
+    few = ["--set", "simulation.environments=2", "--iterations", "1", "--device", "cpu", "--plain"]
     assert main(["train", "bp2", *few, "--output", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "stopped at iteration 1" in said and "there is no checkpoint yet" in said

@@ -164,7 +164,7 @@ def train(
     milestones: float | None = None,
     keep_robots: bool = False,
     fused: bool = True,
-    tensorboard: bool = True,
+    plain: bool = False,
     wandb: str | None = None,
     figures: bool = False,
 ) -> Training:
@@ -195,7 +195,7 @@ def train(
         keep_robots: put the state of every robot into the checkpoint (6 kB each): the run can then go on as
             if it had not stopped.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
-        tensorboard: curves in output/tensorboard: tensorboard --logdir runs.
+        plain: no curves in output/tensorboard.
         wandb: project on Weights & Biases that gets the same curves (needs the extra wandb).
         figures: at the end, pictures of the learning curve, the curriculum and the speeds in the folder.
 
@@ -224,7 +224,7 @@ def train(
         milestones=milestones,
         keep_robots=keep_robots,
         fused=fused,
-        tensorboard=tensorboard,
+        tensorboard=not plain,
         wandb=wandb,
         figures=figures,
     )
