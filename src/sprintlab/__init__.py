@@ -15,6 +15,7 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
 if TYPE_CHECKING:
+    from sprintlab.api.design import design as design
     from sprintlab.api.doctor import doctor as doctor
     from sprintlab.api.drive import DriveOptions as DriveOptions
     from sprintlab.api.evaluations import evaluate as evaluate
@@ -67,6 +68,7 @@ __version__ = "0.1.0"
 _HOMES = {
     name: home
     for home, names in {
+        "api.design": "design",
         "api.doctor": "doctor",
         "api.drive": "DriveOptions",
         "api.evaluations": "evaluate",

@@ -25,6 +25,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
+from sprintlab.api.design import design
 from sprintlab.api.doctor import doctor
 from sprintlab.api.evaluations import evaluate
 from sprintlab.api.limits import audit_rollout, limit
@@ -56,6 +57,7 @@ COMMANDS: dict[str, dict[str, Any]] = {
         "robustness": robustness,
         "audit": audit_rollout,
         "limit": limit,
+        "design": design,
     },
     "motors and robots": {
         "motor": {

@@ -24,6 +24,7 @@ from sprintlab.robots.loader import load_robot as load_robot
 from sprintlab.robots.loader import load_robot_file as load_robot_file
 from sprintlab.robots.loader import parameter_table as parameter_table
 from sprintlab.robots.loader import robot_names as robot_names
+from sprintlab.robots.loader import robot_table_path as robot_table_path
 from sprintlab.robots.model import ModelOptions as ModelOptions
 from sprintlab.robots.model import build_model as build_model
 from sprintlab.robots.model import leg_signs as leg_signs
@@ -31,3 +32,5 @@ from sprintlab.robots.model import robot_spec as robot_spec
 from sprintlab.robots.model import shank_with_foot as shank_with_foot
 from sprintlab.robots.stops import soft_stop_torque as soft_stop_torque
 from sprintlab.robots.table import ParameterRow as ParameterRow
+from sprintlab.robots.table import drive_quantity as drive_quantity
+from sprintlab.robots.table import read_table as read_table

@@ -86,6 +86,7 @@ class StrideFacts:
         mechanical_power: mean of all drives, braking subtracted [W].
         positive_power: mean of all drives, driving only [W].
         copper_loss: mean heat in all windings [W].
+        hottest_loss: mean heat in one winding, of a hip or a knee, the greater of both [W].
         envelope_power: greatest mechanical power of all hips and knees together [W].
         cost_of_transport: electrical energy per weight and way.
     """
@@ -102,6 +103,7 @@ class StrideFacts:
     mechanical_power: float
     positive_power: float
     copper_loss: float
+    hottest_loss: float
     envelope_power: float
     cost_of_transport: float
 
@@ -277,13 +279,13 @@ def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
     period, duty = float(stride.period[0]), float(stride.duty[0])
     velocity, torque = stride.velocity[0], stride.torque[0]
     power = runner.legs * torque * velocity
-    heat = runner.legs * _copper(runner, torque, velocity).sum(-1)
+    heat = _mean(stride, _copper(runner, torque, velocity))
     peak = runner.peak_torque
     room = np.minimum(stride.upper[0] - torque, torque - stride.lower[0])
     full = _mean(stride, (room < (1.0 - _FULL) * peak).astype(float))
     fastest = np.abs(velocity).max(axis=0) / _no_load(runner)
     weight = runner.mass * GRAVITY
-    mechanical, loss = float(_mean(stride, power.sum(-1))), float(_mean(stride, heat))
+    mechanical, loss = float(_mean(stride, power.sum(-1))), runner.legs * float(heat.sum())
     return StrideFacts(
         frequency=1.0 / period,
         duty=duty,
@@ -297,6 +299,7 @@ def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
         mechanical_power=mechanical,
         positive_power=float(_mean(stride, np.maximum(power, 0.0).sum(-1))),
         copper_loss=loss,
+        hottest_loss=float(heat.max()),
         envelope_power=runner.legs * float(_envelope_power(runner).sum()),
         cost_of_transport=(mechanical + loss) / (weight * speed),
     )

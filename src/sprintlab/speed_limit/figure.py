@@ -1,13 +1,17 @@
-"""The one picture of a speed limit."""
+"""The picture of a speed limit, and the map of a robot's designs."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sprintlab.core.theme import LIGHT, as_written, axis_legend, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, as_written, axis_legend, figure_legend, set_title, themed_figure
 from sprintlab.speed_limit.analysis import SpeedLimit
+from sprintlab.speed_limit.designs import MODELS, choose
 from sprintlab.speed_limit.leg import FloatArray, knee_position
 from sprintlab.speed_limit.runner import Runner
 from sprintlab.speed_limit.stride import STANCE_POINTS
@@ -127,3 +131,76 @@ def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
     axes.margins(x=0.15)
     _label(axes, "What policies reach", "m/s", "")
     axes.grid(visible=False, axis="y")
+
+
+_MODEL_NAMES = {"refined": "refined motor", "simplified-dc": "v_d = 0"}
+_MODEL_MARKS: dict[str, dict[str, Any]] = {
+    "refined": {"marker": "o", "color": LIGHT.foreground, "fillstyle": "none", "markeredgewidth": 2.5},
+    "simplified-dc": {"marker": "s", "color": LIGHT.second, "fillstyle": "none", "markeredgewidth": 2.5},
+}
+
+
+def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Map of the speed limits: a row of panels for each motor model, with the design that each chooses.
+
+    The first two quantities with several values are the axes, the third makes the columns; of designs that
+    differ in more, the fastest is drawn.
+
+    Args:
+        robot: its name.
+        rows: records of the designs, as ``sprintlab design --json`` has them.
+    """
+    varied = [name for name in rows[0]["design"] if len({row["design"][name] for row in rows}) > 1]
+    across, up, panel = (*varied, None, None, None)[:3]
+    panels = sorted({row["design"][panel] for row in rows}) if panel else [None]
+    figure, axes = themed_figure(LIGHT, (1.0 + 3.6 * len(panels), 6.4), 2, len(panels))
+    figure.suptitle(f"Speed limits of {as_written(robot)} by design [m/s]", fontweight="bold", color=_LIMIT)
+    speeds = [row["limits"][model]["speed_m_s"] for row in rows for model in MODELS]
+    choice = choose(rows, "limits")
+    for place, axis in enumerate(axes):
+        model, value = MODELS[place // len(panels)], panels[place % len(panels)]
+        shown = [row for row in rows if panel is None or row["design"][panel] == value]
+        _draw_designs(axis, shown, model, (across, up), (min(speeds), max(speeds)))
+        part = "" if panel is None else f", {panel} {value:g}"
+        set_title(axis, _MODEL_NAMES[model] + part, LIGHT)
+        if choice:
+            here = [each for each in MODELS if panel is None or choice.chosen[each][panel] == value]
+            for chooser in here:
+                spot = [choice.chosen[chooser][name] if name else 0.0 for name in (across, up)]
+                label = f"chosen by {_MODEL_NAMES[chooser]}"
+                axis.plot(*spot, label=label, linestyle="none", markersize=16, **_MODEL_MARKS[chooser])
+    handles = {
+        label: handle
+        for axis in axes
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    figure_legend(figure, LIGHT, list(handles.values()), place="lower")
+    return figure
+
+
+def _draw_designs(
+    axes: Axes,
+    rows: Sequence[Mapping[str, Any]],
+    model: str,
+    names: tuple[str | None, str | None],
+    limits: tuple[float, float],
+) -> None:
+    """One panel: the speed of each design as colour and as number."""
+    across, up = ([0.0] if name is None else sorted({row["design"][name] for row in rows}) for name in names)
+    speeds = np.full((len(up), len(across)), -np.inf)
+    for row in rows:
+        spot = tuple(
+            values.index(row["design"][name]) if name else 0
+            for name, values in zip(names[::-1], (up, across), strict=True)
+        )
+        speeds[spot] = max(speeds[spot], row["limits"][model]["speed_m_s"])
+    axes.pcolormesh(
+        across, up, speeds, shading="nearest", cmap="YlGnBu", vmin=limits[0], vmax=limits[1], alpha=0.7
+    )
+    for y, line in zip(up, speeds, strict=True):
+        for x, speed in zip(across, line, strict=True):
+            axes.text(x, y, f"{speed:.1f}", ha="center", va="center", fontsize=7, color=_LIMIT)
+    axes.grid(visible=False)
+    axes.set_xticks(across)
+    axes.set_yticks(up if names[1] else [])
+    axes.set(xlabel=names[0] or "", ylabel=names[1] or "")

@@ -1,0 +1,302 @@
+"""``design``: which gears and which winding a robot should have, and what a wrong motor model costs there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.evaluations import protocol_settings
+from sprintlab.api.jobs import Job, run_jobs
+from sprintlab.api.results import Drawn, Progress, silent, table
+from sprintlab.api.training import require_training
+from sprintlab.core.arguments import checked
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+from sprintlab.core.reading import read_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sprintlab.evaluation.pool import WorkerProcesses
+    from sprintlab.motors import MotorModel
+    from sprintlab.robots import RobotDescription
+    from sprintlab.speed_limit import SearchSettings
+
+RECORD = "design.json"
+METHODS: dict[MotorModel, str] = {"refined": "acs", "simplified-dc": "simplified-dc"}
+"""Method of a training by the motor model that its designer believes."""
+TRIALS = 3
+"""Seeded trials per speed of a design's policy."""
+SHOWN = 20
+"""Designs in the printed table, the fastest; the JSON has all."""
+
+
+@checked
+def design(
+    robot: str | Path,
+    *,
+    vary: Sequence[str],
+    current: float | None = None,
+    starts: int = 6,
+    max_stride: float | None = None,
+    min_duty: float | None = None,
+    train: int = 0,
+    minutes: float = 7.0,
+    device: str = "auto",
+    workers: int | None = None,
+    output: Path | str = Path("runs/design"),
+    progress: Progress = silent,
+) -> Drawn:
+    """Choose gears and winding at fixed mass, and say what leaving the d-axis voltage out would cost.
+
+    Every design gets a folder with its robot's table, which other commands take as a robot, and a small
+    design.json. Start it again and it goes on; a design that is known is not computed again.
+
+    Args:
+        robot: name of a robot, or the path of its folder or table.
+        vary: what is varied: gear.abad, gear.hip, gear.knee (ratios) and winding (turns over the robot's own,
+            at the same copper), as NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE; several make all combinations.
+        current: greatest phase current of the inverters [A]; a winding of few turns then loses peak torque.
+            When left out, every winding gets the current that it needs.
+        starts: random strides from which each search begins.
+        max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
+        min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
+        train: also train this many seeds for each design under each motor model, and run them in the plant.
+        minutes: length of each of these trainings.
+        device: of the trainings: auto for all GPUs of this machine, one training on each; or cuda:0, cpu.
+        workers: processes that search for strides; one per core when left out.
+        output: folder in which the robot's designs get a folder of its name.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        SprintlabError: an unknown robot, a bad option, or a training that fails.
+    """
+    from sprintlab.evaluation.pool import WorkerProcesses
+    from sprintlab.robots import read_table, robot_table_path
+    from sprintlab.speed_limit import SearchSettings
+    from sprintlab.speed_limit import designs as laws
+
+    check_range("train", train, 0, 100)
+    check_positive("minutes", minutes, "min")
+    if current is not None:
+        check_positive("current", current, "A")
+    settings = SearchSettings(starts=starts, max_stride=max_stride, min_duty=min_duty)
+    wanted = laws.all_designs(laws.parse_variations(vary))
+    table_path = robot_table_path(robot)
+    name, rows = read_table(table_path)
+    folders = [Path(output) / name / laws.design_name(each) for each in wanted]
+    for folder, each in zip(folders, wanted, strict=True):
+        changed = laws.redesigned(rows, each, current)
+        laws.write_robot(
+            folder / "parameters.toml", f"{name}-{laws.design_name(each)}", changed, str(table_path)
+        )
+    found: list[dict[str, Any]] = []
+    with WorkerProcesses(workers) as processes:
+        work = partial(limits_of, settings)
+        for row in processes.map(work, list(zip(folders, wanted, strict=True))):
+            found.append(row)
+            progress(f"{len(found)} of {len(folders)} speed limits", len(found) / len(folders))
+        if train:
+            require_training()
+            train_designs(folders, train, minutes, device, progress)
+            for number, folder in enumerate(folders):
+                progress(f"{number} of {len(folders)} designs run in the plant", number / len(folders))
+                found[number] = trained_of(folder, train, processes)
+    return _told(name, found)
+
+
+def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]]) -> dict[str, Any]:
+    """The record of a design with its speed limits under both motor models, computed where it is missing."""
+    from sprintlab.robots import load_robot_file, robot_fingerprint
+    from sprintlab.speed_limit import Fastest
+    from sprintlab.speed_limit import designs as laws
+
+    folder, values = place
+    robot = load_robot_file(folder / "parameters.toml")
+    asked = {**asdict(settings), "robot_fingerprint": robot_fingerprint(robot)}
+    if (record := read_record(folder)) and record["asked"] == asked:
+        return record
+    limits, near = dict[str, Any](), list[Fastest]()
+    for model in laws.MODELS:
+        stride, limits[model] = laws.design_limit(robot, model, settings, near)
+        near.append(stride)
+    record = {"design": dict(values), "asked": asked, "current_A": laws.peak_current(robot), "limits": limits}
+    atomic_write_json(folder / RECORD, record)
+    return record
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The record of a design; empty where there is none yet.
+
+    Raises:
+        SprintlabError: the file is damaged.
+    """
+    path = folder / RECORD
+    return read_json(path, what="record") if path.is_file() else {}
+
+
+def train_designs(
+    folders: Sequence[Path], seeds: int, minutes: float, device: str, progress: Progress
+) -> None:
+    """Train every design under both motor models, a training on each GPU at a time.
+
+    Raises:
+        SprintlabError: a training failed.
+    """
+    from sprintlab.training.runs.sweep import visible_gpus
+
+    devices = [f"cuda:{number}" for number in visible_gpus()] or ["cpu"] if device == "auto" else [device]
+    jobs = [
+        Job(
+            words=(
+                *(str(folder / "parameters.toml"), "--method", method, "--seed", str(seed)),
+                *("--minutes", f"{minutes:g}", "--no-tensorboard"),
+            ),
+            folder=_run_folder(folder, model, seed),
+        )
+        for seed in range(seeds)
+        for folder in folders
+        for model, method in METHODS.items()
+    ]
+    if (done := run_jobs(jobs, devices, math.inf, progress)) < len(jobs):
+        raise SprintlabError(
+            f"{len(jobs) - done} of {len(jobs)} trainings failed; start again to repeat them"
+        )
+
+
+def _run_folder(folder: Path, model: str, seed: int) -> Path:
+    return folder / model / f"seed-{seed}"
+
+
+def trained_of(folder: Path, seeds: int, processes: WorkerProcesses) -> dict[str, Any]:
+    """The record of a design with what its policies hold in the plant, run where that is missing.
+
+    The policies of each motor model run with that motor, which is what their designer believes; those of
+    v_d = 0 also with the refined one.
+    """
+    from sprintlab.robots import load_robot_file
+
+    record, robot = read_record(folder), load_robot_file(folder / "parameters.toml")
+    known: dict[str, Any] = record.setdefault("policies", {})
+    for model in METHODS:
+        for seed in range(seeds):
+            judges: tuple[MotorModel, ...] = (model, "refined")
+            for judge in dict.fromkeys(judges):
+                key = f"{model}/seed-{seed} in {judge}"
+                if key not in known:
+                    policy = _run_folder(folder, model, seed) / "policy.onnx"
+                    known[key] = held_by(policy, robot, judge, processes)
+                    atomic_write_json(folder / RECORD, record)
+    record["trained"] = {
+        model: _mean_of([known[f"{model}/seed-{seed} in {model}"] for seed in range(seeds)])
+        for model in METHODS
+    }
+    record["trained"]["simplified-dc"]["judged_m_s"] = _mean_of(
+        [known[f"simplified-dc/seed-{seed} in refined"] for seed in range(seeds)]
+    )["speed_m_s"]
+    atomic_write_json(folder / RECORD, record)
+    return record
+
+
+def held_by(
+    policy: Path, robot: RobotDescription, model: MotorModel, processes: WorkerProcesses
+) -> dict[str, float]:
+    """Most speed that a policy holds upright in the plant with a motor model; its power and its windings.
+
+    Returns:
+        Speed [m/s]; of a policy that runs also power from the bus [W] and the hottest winding at the end of
+        a hold from 25 degC [degC].
+    """
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.evaluation.protocol import run_protocol
+    from sprintlab.evaluation.trial import TrialRequest
+    from sprintlab.motors import WindingHeat
+    from sprintlab.plant import PlantOptions
+
+    plant = PlantOptions(motor_model=model)
+    settings = protocol_settings(TRIALS, 0, start=1.0, top=16.0, grid=0.5, first_step=1.0, plant=plant)
+    with TrialPool(policy, robot, processes=processes) as pool:
+        running = run_protocol(pool, self_paced=False, settings=settings).running
+        if running is None:
+            return {"speed_m_s": 0.0}
+        request = TrialRequest(top_speed=running.top_speed, plant=replace(plant, heat=WindingHeat()))
+        (warm,) = pool.trials([request])
+    hottest = warm.metrics.hottest_winding
+    assert hottest is not None
+    powers = [trial.metrics.electrical_power for trial in running.trials if not trial.fall_reason]
+    return {
+        "speed_m_s": running.running_speed,
+        "power_W": sum(powers) / len(powers),
+        "winding_degC": hottest,
+    }
+
+
+def _mean_of(seeds: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Means over seeds: of the speed, 0 where a policy does not run; of the rest, over those that do."""
+    speeds, ran = [each["speed_m_s"] for each in seeds], [each for each in seeds if "power_W" in each]
+    found = {"speed_m_s": sum(speeds) / len(speeds), "spread_m_s": max(speeds) - min(speeds)}
+    means = {name: sum(each[name] for each in ran) / len(ran) for name in ("power_W", "winding_degC") if ran}
+    return {**found, **means}
+
+
+# --- what is printed -------------------------------------------------------------------------------------
+
+
+def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
+    """Table, map and the sentences."""
+    from sprintlab.speed_limit.designs import choose, design_name
+
+    def draw() -> Figure:
+        from sprintlab.speed_limit.figure import designs_figure
+
+        return designs_figure(name, rows)
+
+    chosen = [found for source in ("limits", "trained") if (found := choose(rows, source))]
+    sentences = [choice.sentence() for choice in chosen]
+    numbers = {
+        "robot": name,
+        "designs": [
+            {name: value for name, value in row.items() if name not in ("asked", "policies")} for row in rows
+        ],
+        "chosen": {
+            choice.source: {model: design_name(each) for model, each in choice.chosen.items()}
+            for choice in chosen
+        },
+        "sentences": sentences,
+    }
+    return Drawn(numbers=numbers, shown=[*_tables(name, rows), *sentences], found=chosen, draw=draw)
+
+
+def _tables(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    """The fastest designs by the refined motor's limit."""
+    ranked = sorted(rows, key=lambda row: -row["limits"]["refined"]["speed_m_s"])[:SHOWN]
+    trained = any(row.get("trained") for row in rows)
+    columns = [
+        *ranked[0]["design"],
+        "limit [m/s]",
+        "by v_d = 0",
+        "current [A]",
+        "power [W]",
+        "winding [degC]",
+    ]
+    columns += ["trained [m/s]", "by v_d = 0", "judged"] if trained else []
+    title = f"Designs of {name}, {len(ranked)} of {len(rows)}, fastest first"
+    yield table(title, *columns, numbers=tuple(columns), rows=map(_cells, ranked))
+    yield "by v_d = 0: what a motor model without the d-axis voltage promises; all else by the refined motor"
+
+
+def _cells(row: Mapping[str, Any]) -> Iterator[str]:
+    judge, other = (row["limits"][model] for model in METHODS)
+    yield from (f"{value:g}" for value in row["design"].values())
+    yield from (f"{each['speed_m_s']:.2f}" for each in (judge, other))
+    yield from (f"{value:.0f}" for value in (row["current_A"], judge["power_W"], judge["winding_degC"]))
+    if trained := row.get("trained"):
+        yield from (f"{trained[model]['speed_m_s']:.2f}" for model in METHODS)
+        yield f"{trained['simplified-dc']['judged_m_s']:.2f}"

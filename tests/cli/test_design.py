@@ -1,0 +1,64 @@
+"""``sprintlab design``: resumed where it stopped, with trainings, as table, map and JSON."""
+
+import json
+
+import pytest
+
+from sprintlab.api import design as command
+
+VARIED = ("design", "bp2", "--vary", "gear.hip=6,9", "--vary", "winding=0.8,1", "--workers", 1)
+
+
+@pytest.fixture
+def searched(monkeypatch, tmp_path):
+    """Made-up limits, and the names of the robots whose limits were searched for."""
+    names = []
+
+    def limit(robot, model, settings, near):
+        names.append(robot.name)
+        ratio, promise = float(robot.gear.ratio[1]), 0.0 if model == "refined" else 0.5
+        speed = 13.0 - 0.1 * ratio + promise * (ratio == 9.0)
+        return None, {"speed_m_s": speed, "spread_m_s": 0.0, "power_W": 100.0, "winding_degC": 50.0}
+
+    monkeypatch.setattr("sprintlab.speed_limit.designs.design_limit", limit)
+    monkeypatch.chdir(tmp_path)
+    return names
+
+
+def test_a_run_that_was_stopped_goes_on_and_repeats_nothing(call, searched, monkeypatch, tmp_path):
+    outcome = call(*VARIED, "--json", "--figure", tmp_path / "map.png")
+    whole, folder = json.loads(outcome.out), tmp_path / "runs" / "design" / "bp2"
+    assert len(searched) == 8 and (tmp_path / "map.png").stat().st_size > 0
+    assert "costs 0.30 m/s" in whole["sentences"][0]
+    (folder / "gear.hip=9,winding=1" / "design.json").unlink()
+    searched.clear()
+    assert json.loads(call(*VARIED, "--json").out)["designs"] == whole["designs"]
+    assert searched == ["bp2-gear.hip=9,winding=1"] * 2
+    searched.clear()
+    table = call(*VARIED, "--starts", 2).out  # other settings: other numbers
+    assert len(searched) == 8 and "by v_d = 0" in table
+
+
+@pytest.mark.usefixtures("searched")
+def test_designs_are_trained_under_both_models_and_judged_by_the_refined_motor(call, monkeypatch):
+    started = []
+
+    def train(jobs, devices, until, progress):
+        started.extend(jobs)
+        return len(jobs)
+
+    def held(policy, robot, judge, processes):
+        trained, ratio = policy.parts[-3], float(robot.gear.ratio[1])
+        speed = 12.0 + (ratio - 6.0) * (0.5 if judge == "simplified-dc" else -0.5) - (trained != "refined")
+        return {"speed_m_s": speed, "power_W": 900.0 + 10.0 * ratio, "winding_degC": 70.0}
+
+    monkeypatch.setattr(command, "run_jobs", train)
+    monkeypatch.setattr(command, "held_by", held)
+    found = json.loads(call(*VARIED, "--train", 2, "--device", "cpu", "--json").out)
+    assert len(started) == 16 and {job.words[2] for job in started} == {"acs", "simplified-dc"}
+    assert found["chosen"]["trained"] == {
+        "refined": "gear.hip=6,winding=0.8", "simplified-dc": "gear.hip=9,winding=0.8",
+    }  # fmt: skip
+    assert "costs 1.50 m/s, +30 W" in found["sentences"][1]
+    trained = next(each["trained"] for each in found["designs"] if each["design"]["gear.hip"] == 9.0)
+    assert trained["simplified-dc"]["judged_m_s"] == 9.5 and trained["simplified-dc"]["speed_m_s"] == 12.5
