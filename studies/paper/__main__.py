@@ -1,4 +1,4 @@
-"""``python -m studies.paper``: the paper's comparison of six methods, planned, evaluated and written up."""
+"""``python -m studies.paper``: the paper's six methods, planned, trained, evaluated and judged."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import Annotated, Any
 import tyro
 
 from sprintlab.cli.output import exit_status
-from studies.paper.evaluate import Evaluate, Variants
+from studies.paper.evaluate import Evaluate
 from studies.paper.page import Page
-from studies.paper.plan import Plan
+from studies.paper.plan import Plan, Train
 from studies.paper.stride import Strides
+from studies.paper.verdicts import Verdicts
 
 Command = (
     Annotated[Plan, tyro.conf.subcommand(name="plan")]
+    | Annotated[Train, tyro.conf.subcommand(name="train")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
-    | Annotated[Variants, tyro.conf.subcommand(name="variants")]
+    | Annotated[Verdicts, tyro.conf.subcommand(name="verdicts")]
     | Annotated[Page, tyro.conf.subcommand(name="page")]
     | Annotated[Strides, tyro.conf.subcommand(name="stride")]
 )

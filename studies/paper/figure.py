@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
 from sprintlab.core.theme import DARK, LIGHT, Theme
 from studies.paper.paper import PAPER_TABLE
-from studies.paper.record import Run
+from studies.paper.record import Runs
 from studies.paper.statistics import interquartile_mean
 
 
-def speeds_figure(runs: Mapping[tuple[str, str], Sequence[Run]]) -> dict[str, bytes]:
+def speeds_figure(runs: Runs) -> dict[str, bytes]:
     """PNG images, light under ``""`` and dark under ``"-dark"``."""
     return {"": _draw(runs, LIGHT), "-dark": _draw(runs, DARK)}
 
 
-def _draw(runs: Mapping[tuple[str, str], Sequence[Run]], theme: Theme) -> bytes:
+def _draw(runs: Runs, theme: Theme) -> bytes:
     figure = Figure(figsize=(8.0, 3.4), layout="constrained", facecolor=theme.background)
     axes = figure.subplots()
     axes.set_facecolor(theme.background)
@@ -28,7 +27,7 @@ def _draw(runs: Mapping[tuple[str, str], Sequence[Run]], theme: Theme) -> bytes:
     )
     for preset, color, label, shift in styles:
         for place, method in enumerate(PAPER_TABLE):
-            speeds = [run.running for run in runs.get((preset, method), ())]
+            speeds = [run.running() for run in runs.get((preset, method), ())]
             if not speeds:
                 continue
             name = label if place == 0 else None

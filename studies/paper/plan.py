@@ -1,25 +1,31 @@
-"""``python -m studies.paper plan``: which trainings the study consists of, and which are missing."""
+"""``python -m studies.paper plan`` and ``train``: which trainings are missing, and how to train them."""
 
 from __future__ import annotations
 
 import shlex
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
-from sprintlab.cli.output import print_json
+from sprintlab.api.jobs import Job, run_jobs
+from sprintlab.cli.output import print_json, progress_bar
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.training.methods import ALL_METHODS
-from studies.paper.paper import PAPER_TABLE
-from studies.paper.record import record_path
+from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
+from studies.paper.record import PRESETS, RESULTS, Runs, read_runs, record_path
+from studies.paper.verdicts import CLAIMS, OPEN, judge
 
-RESULTS = Path(__file__).parent / "results"
-PRESETS = ("sprintlab", "paper")
-"""Our reward table, and the paper's to the letter."""
-SEEDS, SEEDS_OF_OTHERS = 10, 5
+SEEDS, SEEDS_OF_OTHERS, MOST_SEEDS = 10, 5, 20
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
-OTHERS = ("rlvrl", "lp-acrl", "hound", "spot-battery", "flux-weakening")
+OTHERS = ("rlvrl", "lp-acrl", "hound")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""
+ITERATIONS = 3000
+"""Of every training: the same samples for every method, however many share a GPU."""
+SPARE_SECONDS = 30.0
+"""Before the end of the budget, at which trainings are told to save and end [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,28 +42,45 @@ class Training:
     method: str
     seed: int
 
-    def folder(self, runs: Path) -> Path:
-        """Folder of its checkpoint and policy below a folder of runs."""
-        return runs / self.preset / self.method / f"seed-{self.seed}"
-
-    def words(self, runs: Path) -> list[str]:
-        """The command that trains it."""
-        words = ["sprintlab", "train", "bp2", "--method", self.method, "--seed", str(self.seed)]
-        words += [] if self.preset == "sprintlab" else ["--preset", self.preset]
-        return [*words, "--output", str(self.folder(runs))]
+    def job(self, runs: Path, iterations: int = ITERATIONS, environments: int | None = None) -> Job:
+        """The training as a process that writes below a folder of runs."""
+        words = ["bp2", "--method", self.method, "--preset", self.preset, "--seed", str(self.seed)]
+        words += ["--iterations", str(iterations), "--plain"]
+        words += [] if environments is None else ["--environments", str(environments)]
+        return Job(words=tuple(words), folder=runs / self.preset / self.method / f"seed-{self.seed}")
 
 
-def study_trainings() -> list[Training]:
-    """Every training, seed by seed, so that a plan that is cut short has compared all methods."""
-    wanted = [(preset, method, SEEDS) for preset in PRESETS for method in PAPER_TABLE]
-    wanted += [("sprintlab", NO_SATURATION, SEEDS), ("paper", LITERAL_ACS, SEEDS_OF_OTHERS)]
-    wanted += [("sprintlab", method, SEEDS_OF_OTHERS) for method in OTHERS]
+def study_trainings(runs: Runs) -> list[Training]:
+    """Every training, seed by seed, so that a plan that is cut short has compared all methods.
+
+    A pair of methods that its seeds leave open gets more of them, up to twenty.
+    """
+    wanted = {(preset, method): SEEDS for preset in PRESETS for method in PAPER_TABLE}
+    wanted |= {("sprintlab", NO_SATURATION): SEEDS, ("paper", LITERAL_ACS): SEEDS_OF_OTHERS}
+    wanted |= {("sprintlab", method): SEEDS_OF_OTHERS for method in OTHERS}
+    for preset in PRESETS:
+        for claim in CLAIMS:
+            pair = [(preset, REFERENCE_METHOD), (preset, claim.other)]
+            if (
+                all(len(runs.get(key, ())) >= SEEDS for key in pair)
+                and judge(runs, claim, preset).said == OPEN
+            ):
+                wanted |= dict.fromkeys(pair, MOST_SEEDS)
     return [
         Training(preset=preset, method=method, seed=seed)
-        for seed in range(SEEDS)
-        for preset, method, seeds in wanted
+        for seed in range(MOST_SEEDS)
+        for (preset, method), seeds in wanted.items()
         if seed < seeds and method in ALL_METHODS
     ]
+
+
+def missing_trainings(results: Path) -> tuple[list[Training], int]:
+    """The trainings without a record, and how many the study consists of."""
+    planned = study_trainings(read_runs(results))
+    lacking = [
+        each for each in planned if not record_path(results, each.preset, each.method, each.seed).is_file()
+    ]
+    return lacking, len(planned)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,15 +99,54 @@ class Plan:
 
     def run(self) -> int:
         """Print the missing commands."""
-        trainings = study_trainings()
-        lines = [shlex.join(each.words(self.runs)) for each in trainings if not self._done(each)]
+        lacking, planned = missing_trainings(self.results)
+        lines = [_line(job) for each in lacking if not (job := each.job(self.runs)).finished]
         if self.json:
-            print_json({"trainings": len(trainings), "missing": lines})
+            print_json({"trainings": planned, "missing": lines})
             return 0
         print("".join(f"{line}\n" for line in lines), end="")
-        print(f"# {len(lines)} of {len(trainings)} trainings are missing")
+        print(f"# {len(lines)} of {planned} trainings are missing")
         return 0
 
-    def _done(self, training: Training) -> bool:
-        recorded = record_path(self.results, training.preset, training.method, training.seed)
-        return recorded.is_file() or (training.folder(self.runs) / "policy.onnx").is_file()
+
+def _line(job: Job) -> str:
+    return shlex.join(["sprintlab", "train", *job.words, "--output", str(job.folder)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Work down the plan on one GPU for some minutes; given again, it goes on where it stopped.
+
+    Attributes:
+        runs: folder of the runs.
+        results: folder of the committed records: what has one is not trained again.
+        device: ``cuda:0`` or ``cpu``.
+        minutes: after which everything has ended; a training that is cut short saves and goes on next time.
+        parallel: trainings side by side on the device.
+        iterations: of each training.
+        environments: robots side by side in each; the default of ``sprintlab train`` when left out.
+    """
+
+    runs: tyro.conf.Positional[Path] = Path("runs/study")
+    results: Path = RESULTS
+    device: str = "cuda:0"
+    minutes: float = 60.0
+    parallel: int = 1
+    iterations: int = ITERATIONS
+    environments: int | None = None
+
+    def run(self) -> int:
+        """Train; failures are told and the next training is begun."""
+        check_range("parallel", self.parallel, 1, 64)
+        check_positive("minutes", self.minutes, "min")
+        until = time.monotonic() + max(60.0 * self.minutes - SPARE_SECONDS, 0.5 * 60.0 * self.minutes)
+        jobs = self._jobs(missing_trainings(self.results)[0])
+        with progress_bar() as report:
+            done = run_jobs(jobs, [self.device] * self.parallel, until, report)
+        print(f"{done} of {len(jobs)} trainings that have no record are finished")
+        return 0
+
+    def _jobs(self, trainings: Sequence[Training]) -> list[Job]:
+        """Those that were begun first, then the plan's order."""
+        jobs = [each.job(self.runs, self.iterations, self.environments) for each in trainings]
+        return sorted(jobs, key=lambda job: not job.begun)

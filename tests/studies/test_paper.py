@@ -1,14 +1,26 @@
-"""The paper's study: plan, records, verdicts and the page."""
+"""The paper's study: plan, trainings, records, verdicts and the page."""
 
+import json
 import math
 import shutil
 
 import pytest
 from studies.paper.__main__ import main
-from studies.paper.page import CLAIMS, grouped, page_text, verdict
-from studies.paper.plan import RESULTS, study_trainings
-from studies.paper.record import Command, Run, read_run, read_runs, write_run
+from studies.paper.page import page_text
+from studies.paper.plan import Training, study_trainings
+from studies.paper.record import (
+    PLACES,
+    RESULTS,
+    Command,
+    Run,
+    best_half,
+    median_run,
+    read_run,
+    read_runs,
+    write_run,
+)
 from studies.paper.statistics import Interval, difference, improvement
+from studies.paper.verdicts import CLAIMS, judge, verdict
 
 from sprintlab.core.errors import SprintlabError
 
@@ -18,27 +30,35 @@ def command(speed, *, upright=10, completed=10, held=None):
     return Command(speed=speed, trials=10, upright=upright, completed=completed, held=held)
 
 
-def run(method="acs", seed=0, commands=(), preset="sprintlab"):
+def run(method="acs", seed=0, commands=(), preset="sprintlab", places=None):
     return Run(
-        method=method, preset=preset, seed=seed, motor_model="refined", command_line="", environment_steps=0,
-        policy_sha256="", robot_fingerprint="", date="2026-11-28", versions={}, commands=tuple(commands),
-        fastest=None,
+        method=method, preset=preset, seed=seed, command_line="", environment_steps=0, policy_sha256="",
+        date="2026-11-28", versions={}, places={"bp2": tuple(commands), **(places or {})}, fastest=None,
     )  # fmt: skip
 
 
+def seeds_of(method, speed, count=10, preset="sprintlab"):
+    """Runs whose speeds rise by 1 cm/s from seed to seed."""
+    return [run(method, seed, [command(speed + 0.01 * seed)], preset) for seed in range(count)]
+
+
+def by_method(*groups):
+    return {(group[0].preset, group[0].method): group for group in groups}
+
+
 def test_running_and_stopping_are_two_speeds():
-    found = run(
-        commands=[
-            command(2.0),
-            command(8.0, completed=3),
-            command(11.0, completed=9),
-            command(12.0, upright=8),
-        ]
-    )
-    assert (
-        (found.running, found.stopping) == (11.0, 2.0) and not found.collapsed and not found.ended_at_stopping
-    )
-    assert run(commands=[command(1.0, held=math.nan)]).running == 0.0
+    speeds = [command(2.0), command(8.0, completed=3), command(11.0, completed=9), command(12.0, upright=8)]
+    found = run(commands=speeds)
+    assert (found.running(), found.stopping()) == (11.0, 2.0)
+    assert run(commands=[command(1.0, held=math.nan)]).running() == 0.0
+    assert math.isnan(found.running("drake"))
+
+
+def test_the_median_is_the_slower_of_two_and_the_best_half_is_rounded_up():
+    speeds = (9.0, 12.0, 3.0, 11.0, 10.0)
+    group = [run(seed=seed, commands=[command(speed)]) for seed, speed in enumerate(speeds)]
+    assert median_run(group).seed == 4 and median_run(group[:4]).seed == 0 and median_run([]) is None
+    assert [each.seed for each in best_half(group)] == [1, 3, 4]
 
 
 @pytest.mark.parametrize(
@@ -49,6 +69,7 @@ def test_running_and_stopping_are_two_speeds():
         ((0.1, -0.1, 0.2), (0.7, 0.6, 0.9), "equal within 0.2 m/s"),
         ((0.5, -0.3, 0.8), (0.6, 0.4, 1.0), "open"),
         ((0.5, math.nan, math.nan), (1.0, math.nan, math.nan), "open"),
+        ((math.nan,) * 3, (math.nan,) * 3, "not yet run"),
     ],
 )
 def test_a_verdict_needs_its_interval(gain, faster, expected):
@@ -56,58 +77,96 @@ def test_a_verdict_needs_its_interval(gain, faster, expected):
     assert verdict(*intervals) == expected
 
 
-def test_every_claim_of_the_page_follows_from_the_records():
-    seeds = range(10)
-    runs = [run("acs", seed, [command(12.0 + 0.01 * seed)]) for seed in seeds]
-    runs += [run("simplified-dc", seed, [command(11.0 + 0.01 * seed)]) for seed in seeds]
-    text = page_text(grouped(runs), "figures/study.png")
+def test_a_claim_is_judged_at_each_place_by_the_policies_that_ran_there():
+    ours, theirs = seeds_of("acs", 12.0), seeds_of("simplified-dc", 11.0)
+    for group in (ours, theirs):  # in Drake the slower half would turn the verdict round
+        for each in group[5:]:
+            each.places["drake"] = (command(10.0 if each.method == "acs" else 9.0),)
+    runs = by_method(ours, theirs)
+    assert judge(runs, CLAIMS[0], "sprintlab").said == "confirmed"
+    assert judge(runs, CLAIMS[0], "sprintlab", "drake").seeds == (5, 5)
+    assert judge(runs, CLAIMS[0], "sprintlab", "bp2-weak").said == "not yet run"
+    assert judge(runs, CLAIMS[0], "paper").said == "not yet run"
+
+
+def test_the_page_says_what_the_records_say_and_what_is_not_yet_run():
+    text = page_text(by_method(seeds_of("acs", 12.0), seeds_of("simplified-dc", 11.0)), "figures/study.png")
     assert f"**{CLAIMS[0].question}** Confirmed." in text and "| 1.0 [1.0, 1.0] |" in text
-    assert text.count("is not trained yet") == len(CLAIMS) - 1
+    assert text.count("** Not yet run.") == len(CLAIMS) - 1
 
 
 def test_the_committed_page_is_written_from_the_committed_records(tmp_path):
     page = tmp_path / "docs" / "study.md"
     main(["page", "--output", str(page), "--figure", str(tmp_path / "docs" / "figures" / "study.png")])
-    assert page.read_text(encoding="utf-8") == (RESULTS.parents[2] / "docs/study.md").read_text(
-        encoding="utf-8"
-    )
+    committed = RESULTS.parents[2] / "docs" / "study.md"
+    assert page.read_text(encoding="utf-8") == committed.read_text(encoding="utf-8")
 
 
-def test_the_plan_has_ten_seeds_of_the_six_methods_with_both_rewards():
-    trainings = study_trainings()
+def test_verdicts_are_printed_for_every_claim_and_place(capsys, tmp_path):
+    write_run(tmp_path, run(commands=[command(12.0)]))
+    main(["verdicts", "--results", str(tmp_path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert {each["said"] for each in found} == {"not yet run"}
+    assert len(found) == len(PLACES) * sum(len(claim.presets) for claim in CLAIMS)
+
+
+def test_the_plan_has_ten_seeds_of_the_six_methods_with_both_rewards_and_more_for_an_open_pair():
+    trainings = study_trainings({})
     assert sum(each.method == "acs" for each in trainings) == 20 and len(set(trainings)) == len(trainings)
+    mixed = [run("simplified-dc", seed, [command(11.0 + 2.1 * (seed % 2))]) for seed in range(10)]
+    more = set(study_trainings(by_method(seeds_of("acs", 12.0), mixed))) - set(trainings)
+    assert {each.method for each in more} == {"acs", "simplified-dc"} and len(more) == 20
+    clear = by_method(seeds_of("acs", 12.0), seeds_of("simplified-dc", 11.0))
+    assert len(study_trainings(clear)) == len(trainings)
 
 
 def test_a_run_that_has_its_record_is_not_missing(capsys, tmp_path):
-    main(["plan", "runs/study", "--results", str(tmp_path)])
-    before = capsys.readouterr().out
     write_run(tmp_path, run("baseline", 3))
     main(["plan", "runs/study", "--results", str(tmp_path)])
-    missing = "sprintlab train bp2 --method baseline --seed 3 --output runs/study/sprintlab/baseline/seed-3\n"
-    assert missing in before and missing not in capsys.readouterr().out
+    missing = capsys.readouterr().out
+    assert "--method baseline --preset sprintlab --seed 2" in missing
+    assert "--method baseline --preset sprintlab --seed 3" not in missing
+
+
+def test_trainings_go_on_before_new_ones_begin(monkeypatch, tmp_path):
+    begun = Training(preset="paper", method="baseline", seed=7).job(tmp_path)
+    begun.folder.mkdir(parents=True)
+    (begun.folder / "checkpoint.pt").touch()
+    seen = {}
+
+    def run_jobs(jobs, devices, until, progress):
+        seen.update(jobs=jobs, devices=devices)
+        return 0
+
+    monkeypatch.setattr("studies.paper.plan.run_jobs", run_jobs)
+    words = ["train", str(tmp_path), "--device", "cpu", "--parallel", "2", "--iterations", "5"]
+    assert main([*words, "--minutes", "1", "--results", str(tmp_path / "none")]) == 0
+    assert seen["devices"] == ["cpu", "cpu"] and seen["jobs"][0].folder == begun.folder
+    assert seen["jobs"][1].words[-3:] == ("--iterations", "5", "--plain")
 
 
 def test_a_damaged_record_is_refused(tmp_path):
     path = write_run(tmp_path, run())
-    assert read_runs(tmp_path) == [run()]
+    assert read_runs(tmp_path) == {("sprintlab", "acs"): [run()]}
     path.write_text("{}")
     with pytest.raises(SprintlabError, match="not a record of the study"):
         read_run(path)
 
 
 @pytest.mark.usefixtures("short_trials")
-def test_a_policy_gets_its_record_once(policy, tmp_path, monkeypatch):
+def test_a_policy_runs_once_at_each_place(policy, tmp_path, monkeypatch):
     folder = tmp_path / "runs" / "sprintlab" / "acs" / "seed-4"
     folder.mkdir(parents=True)
     shutil.copy(policy, folder / "policy.onnx")
     words = ["evaluate", str(tmp_path / "runs"), "--results", str(tmp_path / "results"), "--workers", "1"]
-    words += ["--trials", "1", "--start", "0.5", "--top", "0.5"]
-    assert main(words) == 0
-    (found,) = read_runs(tmp_path / "results")
+    words += ["--trials", "1", "--start", "0.5", "--top", "0.5", "--places"]
+    assert main([*words, "bp2"]) == 0
+    assert main([*words, "bp2", "bp2-weak"]) == 0
+    ((found,),) = read_runs(tmp_path / "results").values()
     assert (found.method, found.seed) == ("test", 3)  # of the contract
-    assert [each.upright for each in found.commands] == [1]
-    monkeypatch.setattr("studies.paper.evaluate.evaluate_policy", lambda *_: pytest.fail("evaluated again"))
-    assert main(words) == 0
+    assert [len(found.places[place]) for place in ("bp2", "bp2-weak")] == [1, 1]
+    monkeypatch.setattr("studies.paper.evaluate.run_protocol", lambda *_, **__: pytest.fail("run again"))
+    assert main([*words, "bp2", "bp2-weak"]) == 0
 
 
 def test_statistics_of_equal_seeds_are_certain():

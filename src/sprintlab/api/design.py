@@ -157,7 +157,7 @@ def train_designs(
         Job(
             words=(
                 *(str(folder / "parameters.toml"), "--method", method, "--seed", str(seed)),
-                *("--minutes", f"{minutes:g}", "--no-tensorboard"),
+                *("--minutes", f"{minutes:g}", "--plain"),
             ),
             folder=_run_folder(folder, model, seed),
         )

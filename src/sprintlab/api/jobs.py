@@ -36,9 +36,14 @@ class Job:
         """Whether the training ran to its end and was exported."""
         return (self.folder / "policy.onnx").is_file()
 
+    @property
+    def begun(self) -> bool:
+        """Whether there is a checkpoint from which it goes on."""
+        return (self.folder / "checkpoint.pt").is_file()
+
     def command(self, device: str) -> list[str]:
         """Start, or go on."""
-        again = ["--resume"] if (self.folder / "checkpoint.pt").is_file() else []
+        again = ["--resume"] if self.begun else []
         given = ["--device", device, "--output", str(self.folder), *again]
         return [sys.executable, "-m", "sprintlab", "train", *self.words, *given]
 
