@@ -37,41 +37,28 @@ def work(
     options: Options | None = None,
     progress: Callable[[str], None] = lambda _: None,
     unknown: Unknown = None,
-    **more: Any,
 ) -> Unknown:
     return "worked"
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"name": Path("a")},
-        {"count": 2},
-        {"speed": 2},
-        {"speed": np.float32(2.0)},
-        {"video": np.bool_(True)},
-        {"speeds": np.linspace(1.0, 2.0, 3)},
-        {"options": Options()},
-        {"unknown": 3},
-    ],
-)
-def test_what_fits_goes_through(given):
-    assert work(**given) == "worked"
+def test_what_fits_goes_through():
+    numbers = {"count": 2, "speed": np.float32(2.0), "speeds": np.linspace(1.0, 2.0, 3)}
+    assert work(name=Path("a"), video=np.bool_(True), options=Options(), unknown=3, **numbers) == "worked"
+    check_fields(Options(count=2, place=Path("a")))
 
 
 @pytest.mark.parametrize(
     ("given", "allowed"),
     [
-        ({"name": 0}, "a name or path"),
+        ({"name": 0}, "text or a path"),
         ({"count": 1.5}, "a whole number"),
         ({"speed": math.nan}, "a finite number or None"),
-        ({"speed": "1"}, "a finite number"),
         ({"video": "no"}, "True or False"),
-        ({"speeds": 1.0}, "a list"),
-        ({"speeds": [1.0, "2"]}, "each a finite number"),
-        ({"changes": []}, "a mapping"),
-        ({"engine": 3}, "one of mujoco, drake"),
-        ({"options": {}}, "an instance of Options or None"),
+        ({"speeds": 1.0}, "Sequence"),
+        ({"speeds": [1.0, "2"]}, "Sequence"),
+        ({"changes": []}, "Mapping"),
+        ({"engine": 3}, "mujoco"),
+        ({"options": {}}, "Options or None"),
         ({"progress": 1}, "must"),
     ],
     ids=lambda each: str(each)[:30],
@@ -83,16 +70,6 @@ def test_what_does_not_fit_is_refused_by_name(given, allowed):
     assert refused.value.field == name
 
 
-def test_an_argument_that_is_not_there_is_told_as_python_tells_it():
-    @checked
-    def needs(one: int) -> int:
-        return one
-
-    with pytest.raises(TypeError, match="missing a required argument"):
-        needs()
-
-
 def test_fields_of_settings_are_held_against_their_hints():
-    check_fields(Options(count=2, place=Path("a")))
     with pytest.raises(InvalidValueError, match=r"count = 1\.5 is not allowed: must be a whole number"):
         check_fields(Options(count=1.5))  # pyright: ignore[reportArgumentType]

@@ -12,15 +12,10 @@ from sprintlab.core.errors import SprintlabError
 
 
 def require_package(module: str, *, extra: str, use: str) -> None:
-    """Refuse where a module of an extra is not installed.
-
-    Args:
-        module: top-level name under which the package is imported, e.g. ``"viser"``.
-        extra: extra of sprintlab that brings it.
-        use: what needs it, as the subject of the sentence.
+    """Refuse where a module, e.g. ``"viser"``, of an extra of sprintlab is not installed.
 
     Raises:
-        SprintlabError: the module is not installed; the message is the command that installs it.
+        SprintlabError: ``use`` needs it; the message ends with the command that installs it.
     """
     if importlib.util.find_spec(module) is None:
         raise SprintlabError(
@@ -29,23 +24,13 @@ def require_package(module: str, *, extra: str, use: str) -> None:
 
 
 def keep_compiled_code_private() -> None:
-    """Let PyTorch keep what it compiles in the account's home, where nothing else is said.
-
-    By itself it takes a folder of ``/tmp`` that bears the account's name. Any other account can make that
-    folder first, and put its own code there, which PyTorch runs.
-    """
+    """Let PyTorch keep what it compiles in the account's home: others can write to /tmp."""
     os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path.home() / ".cache" / "sprintlab" / "torch"))
 
 
 def package_version(name: str) -> str:
-    """Version of an installed package; sprintlab's own also where it runs from a source tree.
+    """Version of an installed package; ``importlib.metadata.PackageNotFoundError`` for any other.
 
-    Raises:
-        importlib.metadata.PackageNotFoundError: another package is not installed.
+    sprintlab's own also where it runs from a source tree.
     """
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        if name != "sprintlab":
-            raise
-        return str(importlib.import_module("sprintlab").__version__)
+    return str(importlib.import_module(name).__version__) if name == "sprintlab" else metadata.version(name)

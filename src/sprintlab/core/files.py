@@ -11,7 +11,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from sprintlab.core.errors import InvalidValueError, UnwrittenError
 
@@ -20,10 +20,7 @@ FIGURE_FORMATS = ("png", "pdf", "svg")
 
 
 def check_figure_path(path: str | os.PathLike[str] | None) -> None:
-    """Refuse a figure that could not be written at the end, before any work is spent on it.
-
-    Args:
-        path: the file to come; ``None`` where no figure was asked for.
+    """Refuse a figure that could not be written at the end, before any work; ``None``: no figure is wanted.
 
     Raises:
         InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
@@ -63,7 +60,9 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         handle, hidden = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.")
         try:
             with os.fdopen(handle, "wb") as file:
-                _fill(file, data)
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
             os.chmod(hidden, 0o644)
             os.replace(hidden, target)
         except BaseException:
@@ -71,17 +70,8 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
             raise
 
 
-def _fill(file: IO[bytes], data: bytes) -> None:
-    file.write(data)
-    file.flush()
-    os.fsync(file.fileno())
-
-
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse, before any work, a place where nothing can be written; leaves nothing behind.
-
-    Args:
-        path: path of the file or folder that is to be written; folders above it may be missing.
+    """Refuse, before any work, a file or folder that could not be written; leaves nothing behind.
 
     Raises:
         UnwrittenError: a folder above it is a file, nothing can be made there, or a device has the name.
@@ -97,35 +87,23 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def check_writable_file(path: str | os.PathLike[str]) -> None:
-    """Refuse, before any work, a file that could not be written at its end.
-
-    Raises:
-        UnwrittenError: as ``check_writable``, or a folder has the name.
-    """
+    """As ``check_writable``; also refuse the name of a folder."""
     check_writable(path)
     if Path(path).is_dir():
         raise UnwrittenError(f"cannot write {path}: it is a folder")
 
 
-def _check_replaceable(path: Path) -> None:
-    """Refuse a pipe or a device: as root, a file would take the place of ``/dev/null``."""
-    try:
-        mode = os.stat(path).st_mode
-    except FileNotFoundError:
-        return
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise UnwrittenError(f"cannot write {path}: a pipe, a device or an open file has this name")
-
-
 def check_new_folder(path: str | os.PathLike[str]) -> None:
-    """Refuse, before any work, a folder for results whose name is taken.
-
-    Raises:
-        UnwrittenError: the name is taken, or no folder can be made there.
-    """
+    """As ``check_writable``; also refuse a name that is taken."""
     if os.path.lexists(path):
         raise UnwrittenError(f"{path} exists already; choose another folder for the results")
     check_writable(path)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse a pipe or a device: as root, a file would take the place of ``/dev/null``."""
+    if path.exists() and stat.S_IFMT(path.stat().st_mode) not in (stat.S_IFREG, stat.S_IFDIR):
+        raise UnwrittenError(f"cannot write {path}: a pipe, a device or an open file has this name")
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -170,7 +148,7 @@ def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
 
 
 def numbered(path: Path, suffix: str = "") -> Generator[Path]:
-    """``path``, then what stands beside it where that is taken: with 2 to 999 before its ``suffix``."""
+    """``path``, then names beside it, with 2 to 999 before its ``suffix``."""
     yield path
     stem = path.name.removesuffix(suffix)
     for count in range(2, 1000):
@@ -179,17 +157,13 @@ def numbered(path: Path, suffix: str = "") -> Generator[Path]:
 
 @contextmanager
 def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path]:
-    """Hold a folder's name, as an empty folder, while what will fill it is worked out.
+    """Hold a folder's name, as an empty folder, while its content is worked out.
 
     Of two that ask for the same name at the same time only one gets it. An error in the block removes the
-    folder, unless something was put into it.
-
-    Raises:
-        UnwrittenError: the folder exists already, or the disk refuses.
+    folder, unless something was put into it. Raises ``UnwrittenError`` as ``check_new_folder``.
     """
     target = Path(path)
-    if os.path.lexists(target):
-        raise UnwrittenError(f"{target} exists already; choose another folder for the results")
+    check_new_folder(target)
     with _told(target):
         target.mkdir(parents=True)
     try:

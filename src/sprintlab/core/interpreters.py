@@ -9,8 +9,5 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def new_interpreter() -> list[str]:
-    """How to start Python for ``-m`` or ``-c``, which look in the working folder first.
-
-    Python 3.10 cannot be told.
-    """
+    """How to start Python for ``-m`` or ``-c``, which look in the working folder first (3.10 always does)."""
     return [sys.executable, *(["-P"] if sys.version_info >= (3, 11) else [])]

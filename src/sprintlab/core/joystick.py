@@ -6,15 +6,12 @@ number u8 (Linux, ``Documentation/input/joydev/joystick-api.rst``).
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import stat
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError, printable
 
 DEFAULT_DEVICE = Path("/dev/input/js0")
@@ -22,7 +19,8 @@ DEFAULT_DEVICE = Path("/dev/input/js0")
 _EVENT = struct.Struct("=IhBB")
 _BUTTON, _AXIS, _FIRST_REPORT = 1, 2, 0x80
 _FULL = 32767.0
-_MOST_EVENTS = 1024  # in one look: a device that never ends cannot hold up its reader
+_SPEED_AXIS, _TURN_AXIS = 1, 3  # of an Xbox pad: the left stick up is forward, the right one left turns left
+_DEAD_ZONE = 0.08  # share of an axis around its middle that counts as zero
 _NON_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # other systems lack it, and have no such devices
 
 
@@ -34,7 +32,6 @@ class Joystick:
     """Axes and buttons of a gamepad.
 
     Attributes:
-        device: where its events come from.
         held: numbers of the buttons that are down.
 
     Args:
@@ -45,7 +42,6 @@ class Joystick:
     """
 
     def __init__(self, device: Path = DEFAULT_DEVICE) -> None:
-        self.device = device
         self.held: set[int] = set()
         self._axes: dict[int, float] = {}
         try:
@@ -64,21 +60,25 @@ class Joystick:
         return self._descriptor is not None
 
     def poll(self) -> tuple[int, ...]:
-        """Take the events since the last look: the buttons pressed since then, oldest first.
+        """Numbers of the buttons pressed since the last call, oldest first.
 
         What is down or off centre when the device is opened is known but was not pressed. A pad that is
         gone is closed and presses nothing.
         """
         pressed: list[int] = []
-        for _ in range(_MOST_EVENTS):
-            event = self._next_event()
-            if event is None:
-                break
+        while (event := self._next_event()) is not None:
             value, kind, number = event
-            self._take(value, kind & ~_FIRST_REPORT, number)
+            if kind & ~_FIRST_REPORT == _AXIS:
+                self._axes[number] = max(value / _FULL, -1.0)
+            elif kind & ~_FIRST_REPORT == _BUTTON:
+                (self.held.add if value else self.held.discard)(number)
             if kind == _BUTTON and value:
                 pressed.append(number)
         return tuple(pressed)
+
+    def sticks(self) -> tuple[float, float]:
+        """Wanted shares of highest speed and turning rate, -1 to 1, forward and left positive."""
+        return 0.0 - self.axis(_SPEED_AXIS, _DEAD_ZONE), 0.0 - self.axis(_TURN_AXIS, _DEAD_ZONE)
 
     def axis(self, number: int, dead_zone: float = 0.0) -> float:
         """Deflection from -1 to 1, zero inside the dead zone (0 to 0.9) and straight from its edge on."""
@@ -89,12 +89,11 @@ class Joystick:
     def close(self) -> None:
         """Let go of the device; a second call does nothing."""
         if self._descriptor is not None:
-            with contextlib.suppress(OSError):
-                os.close(self._descriptor)
+            os.close(self._descriptor)
         self._descriptor = None
 
     def _next_event(self) -> tuple[int, int, int] | None:
-        """Value, kind and number; None when there is no more for now, or for good."""
+        """Value, kind and number; ``None`` when there is no more for now, or for good."""
         if self._descriptor is None:
             return None
         try:
@@ -109,51 +108,11 @@ class Joystick:
         _, value, kind, number = _EVENT.unpack(event)
         return value, kind, number
 
-    def _take(self, value: int, kind: int, number: int) -> None:
-        if kind == _AXIS:
-            self._axes[number] = max(value / _FULL, -1.0)
-        elif kind == _BUTTON and value:
-            self.held.add(number)
-        elif kind == _BUTTON:
-            self.held.discard(number)
 
-
-@dataclass(frozen=True, kw_only=True)
-class StickMapping:
-    """Which axes steer; the defaults are an Xbox pad's.
-
-    Attributes:
-        speed_axis: up is forward (left stick).
-        turn_axis: left turns left (right stick).
-        dead_zone: share of an axis around its middle that counts as zero, 0 to 0.9.
-
-    Raises:
-        InvalidValueError: the dead zone is outside its range.
-    """
-
-    speed_axis: int = 1
-    turn_axis: int = 3
-    dead_zone: float = 0.08
-
-    def __post_init__(self) -> None:
-        check_range("gamepad.dead_zone", self.dead_zone, 0.0, 0.9)
-
-    def sticks(self, joystick: Joystick) -> tuple[float, float]:
-        """Wanted shares of highest speed and turning rate, -1 to 1, forward and left positive."""
-        speed, turn = (joystick.axis(axis, self.dead_zone) for axis in (self.speed_axis, self.turn_axis))
-        return 0.0 - speed, 0.0 - turn  # no negative zeros
-
-
-def joystick_name(device: Path, listing: Path = Path("/sys/class/input")) -> str:
-    """What a gamepad calls itself; the device's own name where the system does not say.
-
-    Args:
-        device: the joystick device.
-        listing: the kernel's list of input devices.
-    """
+def joystick_name(device: Path) -> str:
+    """What a gamepad calls itself in the kernel's list of input devices; else the device's own name."""
     try:
-        place = Path(os.path.realpath(device))  # Path.resolve fails on a link that leads to itself
-        name = (listing / place.name / "device" / "name").read_text(encoding="utf-8").strip()
+        listed = Path("/sys/class/input", os.path.basename(os.path.realpath(device)), "device", "name")
+        return listed.read_text(encoding="utf-8").strip() or device.name
     except (OSError, ValueError):  # ValueError: no text, or a zero byte in the name
-        name = ""
-    return name or device.name
+        return device.name

@@ -84,10 +84,7 @@ THEMES = (LIGHT, DARK)
 
 
 def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as a PNG file.
-
-    The same bytes as of ``savefig``, which draws a figure twice: once to lay it out.
-    """
+    """The figure as a PNG file: the bytes of ``savefig``, which would draw it twice."""
     buffer, canvas, before = io.BytesIO(), figure.canvas, figure.dpi
     figure.set_dpi(dpi)
     try:
@@ -113,34 +110,17 @@ def png_in_both_looks(draw: Callable[[Theme], Figure]) -> tuple[bytes, bytes]:
 def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
     """Write a figure in the format that the ending of its name says: ``.png``, ``.pdf`` or ``.svg``.
 
-    Text stays text in PDF and SVG; neither carries the moment it was made, so that the same numbers give the
-    same file.
-
-    Args:
-        path: the file; ``core.files.check_figure_path`` refuses a bad one before work is done.
-        figure: what to write.
-        dpi: resolution of a PNG, and of what is drawn as pixels inside the others.
-
-    Raises:
-        InvalidValueError: another ending, or a folder that does not exist.
-        SprintlabError: the disk refuses.
+    Text stays text in PDF and SVG, and the same numbers give the same file. Raises as ``check_figure_path``.
     """
     check_figure_path(path)
-    ending = Path(path).suffix.removeprefix(".").lower()
-    content = png_bytes(figure, dpi) if ending == "png" else _vector_bytes(figure, ending, dpi)
-    atomic_write_bytes(path, content)
-
-
-_UNDATED: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-
-
-def _vector_bytes(figure: Figure, ending: str, dpi: int) -> bytes:
-    buffer = io.BytesIO()
+    ending, buffer = Path(path).suffix.removeprefix(".").lower(), io.BytesIO()
+    if ending == "png":
+        atomic_write_bytes(path, png_bytes(figure, dpi))
+        return
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "sprintlab", "pdf.fonttype": 42}):
-        figure.savefig(
-            buffer, format=ending, dpi=dpi, facecolor=figure.get_facecolor(), metadata=_UNDATED[ending]
-        )
-    return buffer.getvalue()
+        undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}[ending]
+        figure.savefig(buffer, format=ending, dpi=dpi, facecolor=figure.get_facecolor(), metadata=undated)
+    atomic_write_bytes(path, buffer.getvalue())
 
 
 def empty_figure(theme: Theme, size: tuple[float, float]) -> Figure:

@@ -15,20 +15,13 @@ MOST_OF_CLOUD = 20_000
 """Clouds of at most so many samples are drawn whole."""
 
 _STRETCHES = MOST_OF_CURVE // 8  # of a long curve: more than a figure has columns of pixels
-_COLUMNS, _ROWS = 600, 450  # cells of a cloud: twice the pixels of an axis
-_STACK = 3  # samples that a cell keeps: dots cover several cells, and their colours add up to the full one
+_COLUMNS, _ROWS = 1200, 900  # cells of a cloud: dots cover several, and their colours add up to the full one
 
 
 def thinned_curve(x: Array, y: Array) -> tuple[Array, Array]:
-    """The samples of a curve that show in a picture: of each stretch the first, lowest, highest and last.
+    """What shows of a curve ``(n,)`` over rising x: of each stretch first, lowest, highest and last sample.
 
-    Args:
-        x: ``(n,)``, rising.
-        y: ``(n,)``.
-
-    Returns:
-        Both ``(m,)`` in the same order; unchanged where n is at most ``MOST_OF_CURVE``, else m is at most
-        half of that.
+    Unchanged where n is at most ``MOST_OF_CURVE``, else at most half of that.
     """
     if len(y) <= MOST_OF_CURVE:
         return x, y
@@ -44,25 +37,13 @@ def thinned_curve(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def thinned_cloud(x: Array, y: Array) -> tuple[Array, Array]:
-    """The samples of a cloud of dots that show: a few in each cell of a grid finer than pixels.
+    """What shows of a cloud of dots, finite ``(n,)``: the first in each cell of a grid finer than pixels.
 
-    Args:
-        x: ``(n,)``, finite.
-        y: ``(n,)``, finite.
-
-    Returns:
-        Both ``(m,)``, in the same order; unchanged where n is at most ``MOST_OF_CLOUD``. A cell with samples
-        keeps its first ones.
+    Unchanged where n is at most ``MOST_OF_CLOUD``.
     """
     if len(x) <= MOST_OF_CLOUD:
         return x, y
-    cell = _places(x, _COLUMNS) * _ROWS + _places(y, _ROWS)
-    kept, rest = np.zeros(len(x), dtype=bool), np.arange(len(x))
-    first = np.zeros(_COLUMNS * _ROWS, dtype=np.intp)
-    for _ in range(_STACK):
-        first[cell[rest[::-1]]] = rest[::-1]  # of several values for one place the last one stays
-        kept[first[cell[rest]]] = True
-        rest = rest[~kept[rest]]
+    kept = np.unique(_places(x, _COLUMNS) * _ROWS + _places(y, _ROWS), return_index=True)[1]
     return x[kept], y[kept]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.core.joystick import Joystick, JoystickError, StickMapping, joystick_name
+from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
 
 RETRY_INTERVAL = 1.0
 """An unplugged pad is looked for this often [s]."""
@@ -44,7 +44,7 @@ class Gamepad:
 
     def __init__(self, device: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = joystick_name(device)
-        self._device, self._mapping, self._clock = device, StickMapping(), clock
+        self._device, self._clock = device, clock
         self._joystick = Joystick(device)
         self._told = (0.0, 0.0)
         self._stopped = False
@@ -83,7 +83,7 @@ class Gamepad:
 
     def _moved_sticks(self, stopped: bool) -> tuple[float, float] | None:
         """The sticks if they moved; after a stop they must come back to the middle first."""
-        sticks = self._mapping.sticks(self._joystick)
+        sticks = self._joystick.sticks()
         self._stopped = (self._stopped or stopped) and sticks != (0.0, 0.0)
         if self._stopped:
             sticks = (0.0, 0.0)

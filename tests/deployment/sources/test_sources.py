@@ -128,7 +128,7 @@ def test_the_steps_of_a_toml_profile_become_ramps(tmp_path):
     ("name", "content", "reason"),
     [
         ("a.csv", "time,speed\n0,1\n1,2\n", "its columns must be time, forward"),
-        ("a.csv", "time,forward\n0,1\n1,2_2.0\n", "line 3, column forward: '2_2.0' is not a finite number"),
+        ("a.csv", "time,forward\n0,1\n1,2x\n", "line 3, column forward: '2x' is not a finite number"),
         ("a.csv", "time,forward\n1,1\n0,2\n", "its times must rise"),
         ("a.toml", "[[segment]]\nduration = 1\nforward = true\n", "forward is True, no number"),
         ("a.toml", "[[segment]]\nduration = 1\nspeed = 2\n", "a segment has a duration"),

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from sprintlab.core.checks import check_positive
-from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError, StickMapping
+from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 from sprintlab.deployment.sources.base import OperatorSource, SourceError
 
@@ -37,7 +37,7 @@ class GamepadSource(OperatorSource):
     def __init__(self, device: Path = DEFAULT_DEVICE, top_speed: float = 6.0) -> None:
         check_positive("gamepad.top_speed", top_speed, "m/s")
         super().__init__()
-        self._sticks, self._top_speed, self._gripped = StickMapping(), top_speed, False
+        self._top_speed, self._gripped = top_speed, False
         try:
             self._pad = Joystick(device)
         except JoystickError as error:
@@ -49,7 +49,7 @@ class GamepadSource(OperatorSource):
             self._ask(BUTTONS.get(button, Request.NONE))
             self._gripped = self._gripped or button == SWITCH
         self._gripped = self._gripped and SWITCH in self._pad.held
-        push, turn = self._sticks.sticks(self._pad) if self._gripped else (0.0, 0.0)
+        push, turn = self._pad.sticks() if self._gripped else (0.0, 0.0)
         speed = self._top_speed * (push if push > 0.0 else 0.2 * push)
         return np.array([speed, 0.0, turn]) if self._pad.connected else None
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import plain_number, read_text
+from sprintlab.core.reading import finite_number, read_text
 
 _AMPERE = {"A": 1.0, "mA": 1e-3}
 _VOLT = {"V": 1.0, "mV": 1e-3}
@@ -250,7 +250,7 @@ def _numbers(path: object, rows: Sequence[Cells], index: int, header: Sequence[s
             )
         written = cells[index] if index < len(cells) else "nothing"
         try:
-            numbers[position] = plain_number(written)
+            numbers[position] = finite_number(written)
         except ValueError:
             name = header[index].strip()
             raise SprintlabError(f"{path} line {line}: {name} is {written!r}, not a finite number") from None
