@@ -28,10 +28,10 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that takes names, but no content: what is asked before any work finds it free."""
 
-    def full(file: object, data: bytes) -> None:
+    def full(_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("sprintlab.core.files._fill", full)
+    monkeypatch.setattr("sprintlab.core.files.os.fsync", full)
 
 
 @pytest.fixture

@@ -5,22 +5,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Battery,
-    PmsmParameters,
     battery_current,
     discharged,
-    drive_torque,
-    electrical_power,
     loaded_voltage,
     open_circuit_voltage,
     shared_bus_voltage,
 )
-from sprintlab.motors.gear import Gear
 
-MOTORS = st.from_type(PmsmParameters)
-GEAR = Gear(ratio=6.0, efficiency=1.0)
 BATTERIES = st.builds(
     Battery,
     series_cells=st.integers(6, 24),
@@ -51,11 +44,6 @@ def test_a_load_takes_out_what_the_source_gives_less_the_loss_inside(battery, ch
         assert source - voltage == pytest.approx(resistance * current, abs=1e-6 * source)
 
 
-def joint_powers(motor, desired, velocity, bus, model="refined"):
-    output = drive_torque(motor, GEAR, desired, velocity, bus, model)
-    return electrical_power(motor, output.motor_torque, 6.0 * velocity, output.direct_current)
-
-
 def solved(battery, charge, power_at, voltage):
     """Whether the residual is small, or changes sign within 0.1 mV: where a motor's power leaps."""
 
@@ -65,17 +53,6 @@ def solved(battery, charge, power_at, voltage):
     tolerance = 1e-4 + 1e-12 * voltage
     around = (residual(voltage - tolerance) <= 0) & (residual(voltage + tolerance) >= 0)
     return around | (np.abs(residual(voltage)) <= tolerance)
-
-
-def solved_both_ways(battery, charge, power_at, torch):
-    """In NumPy, which stops by itself, and with the fixed steps of tensors."""
-    alone = shared_bus_voltage(battery, charge, power_at)
-    together = shared_bus_voltage(
-        battery, torch.as_tensor(charge), lambda bus: torch.as_tensor(power_at(bus.numpy()))
-    )
-    assert solved(battery, charge, power_at, alone).all()
-    assert solved(battery, charge, power_at, together.numpy()).all()
-    return alone
 
 
 @given(charge=st.floats(-0.1, 1.1), stiffness=st.floats(0.0, 400.0), power=st.floats(-8000.0, 8000.0))
@@ -112,7 +89,12 @@ def test_every_battery_finds_its_voltage_whatever_the_power_does(torch, cells, r
     def power_at(bus):
         return scale * (bus / source) ** power + np.where(bus > place * source, leap, 0.0)
 
-    solved_both_ways(battery, charge, power_at, torch)
+    alone = shared_bus_voltage(battery, charge, power_at)  # NumPy stops by itself, tensors take fixed steps
+    together = shared_bus_voltage(
+        battery, torch.as_tensor(charge), lambda bus: torch.as_tensor(power_at(bus.numpy()))
+    )
+    assert solved(battery, charge, power_at, alone).all()
+    assert solved(battery, charge, power_at, together.numpy()).all()
 
 
 def test_nothing_looks_into_a_tensor(torch):
@@ -128,20 +110,3 @@ def test_charge_runs_out_with_the_current_and_stays_within_its_ends():
     assert discharged(battery, 0.5, -1.0, 360.0) == pytest.approx(0.6)
     assert discharged(battery, 0.01, 100.0, 360.0) == 0.0
     assert discharged(battery, 0.99, -100.0, 360.0) == 1.0
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("series_cells", 0),
-        ("internal_resistance", -0.1),
-        ("internal_resistance", 75.0),  # milliohm
-        ("regeneration_limit", -1.0),
-        ("voltage_table", (3.0, 4.0)),
-        ("voltage_table", (4.2, 4.0, 3.8, 3.7, 3.6, 3.5, 3.3, 3.0)),
-        ("charge_table", (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)),  # percent
-    ],
-)
-def test_impossible_battery_is_refused(field, value):
-    with pytest.raises(InvalidValueError, match="battery"):
-        Battery(**{field: value})

@@ -5,23 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
-    critical_speed,
     drive_torque,
-    stack_motors,
 )
 from sprintlab.motors.chart import (
     SATURATED,
     JointDrive,
     d_axis_cost,
-    end_of_drive,
     envelope_names,
     joint_limits,
     peak_power,
-    peak_torque_speed,
 )
 
 GEAR = Gear(ratio=6.0, efficiency=0.9)
@@ -45,40 +40,22 @@ def test_the_d_axis_voltage_and_the_rest_make_up_the_whole(motor, share):
     """At the refined limit |v| = V unless the current binds: v_d and v_q from the phase equations."""
     drive = JointDrive(motor=motor, gear=Gear(ratio=1.0, efficiency=1.0), bus_voltage=60.0)
     cost = d_axis_cost(drive, share)
-    assert 0.0 <= cost.lost <= 1.0
-    electrical = motor.pole_pairs * cost.speed
-    current = cost.torque / motor.torque_constant
+    assert 0.0 <= cost["lost"] <= 1.0
+    electrical = motor.pole_pairs * cost["speed"]
+    current = cost["torque"] / motor.torque_constant
     limit = 0.95 * 60.0 / np.sqrt(3.0)
     v_q = motor.stator_resistance * current + electrical * motor.flux_linkage
-    assert cost.voltage_share == pytest.approx(
+    assert cost["voltage_share"] == pytest.approx(
         electrical * motor.q_axis_inductance * current / limit, abs=1e-9
     )
-    if 0.0 < cost.torque < 0.999 * motor.peak_torque:
-        assert cost.voltage_share**2 + (v_q / limit) ** 2 == pytest.approx(1.0, rel=1e-6)
-
-
-def test_speeds_on_the_joint_side(drive):
-    for model in ("refined", "simplified-dc"):
-        expected = float(critical_speed(drive.motor, drive.motor.peak_torque, 60.0, model=model)) / 6.0
-        assert peak_torque_speed(drive, model) == pytest.approx(expected)
-        assert end_of_drive(drive, model) == pytest.approx(drive.no_load_speed, rel=5e-3)
-    assert peak_torque_speed(drive, "square") is None
-    assert end_of_drive(drive, "square") is None
-    weakened = end_of_drive(drive, "flux-weakening")
-    assert weakened is None or weakened > 1.1 * drive.no_load_speed
+    if 0.0 < cost["torque"] < 0.999 * motor.peak_torque:
+        assert cost["voltage_share"] ** 2 + (v_q / limit) ** 2 == pytest.approx(1.0, rel=1e-6)
 
 
 def test_peak_power_is_on_the_envelope_and_nowhere_exceeded(drive):
     speed = np.linspace(0.0, drive.no_load_speed, 500)
     for name in envelope_names():
         best = peak_power(drive, name)
-        assert best.power == pytest.approx(best.speed * best.torque)
-        assert best.torque == pytest.approx(float(joint_limits(drive, best.speed, name)[1]))
-        assert best.power >= float(np.max(speed * joint_limits(drive, speed, name)[1])) * (1 - 1e-4)
-
-
-def test_a_chart_has_one_motor(surrogate):
-    with pytest.raises(InvalidValueError, match="one number"):
-        JointDrive(motor=stack_motors([surrogate, surrogate]), gear=GEAR, bus_voltage=60.0)
-    with pytest.raises(InvalidValueError, match="bus_voltage"):
-        JointDrive(motor=surrogate, gear=GEAR, bus_voltage=0.0)
+        assert best["power"] == pytest.approx(best["speed"] * best["torque"])
+        assert best["torque"] == pytest.approx(float(joint_limits(drive, best["speed"], name)[1]))
+        assert best["power"] >= float(np.max(speed * joint_limits(drive, speed, name)[1])) * (1 - 1e-4)

@@ -97,10 +97,6 @@ def test_critical_speed_is_the_papers_closed_form(motor, bus):
     )
 
 
-def test_square_model_knows_no_critical_speed(surrogate):
-    assert critical_speed(surrogate, 15.0, 60.0, "square") == math.inf
-
-
 def mujoco_dc_motor(motor):
     """The motor as MuJoCo's own, after the power-invariant transformation: K = sqrt(3/2) N psi, same R."""
     constant = math.sqrt(1.5) * motor.pole_pairs * motor.flux_linkage
@@ -127,6 +123,7 @@ def test_envelope_without_inductance_is_mujocos_dc_motor_at_full_voltage(motor, 
 
 @pytest.mark.parametrize("call", [torque_limits, lambda m, s, b, model: critical_speed(m, 1.0, b, model)])
 def test_unknown_model_is_refused(surrogate, call):
+    assert critical_speed(surrogate, 15.0, 60.0, "square") == math.inf
     with pytest.raises(InvalidValueError, match=r"model = 'linear' .* choose one of refined, simplified-dc"):
         call(surrogate, 1.0, 60.0, "linear")
 

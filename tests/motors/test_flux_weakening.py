@@ -90,9 +90,6 @@ def test_over_speed_allows_no_drive_and_is_reported(surrogate):
     assert voltage_infeasible(surrogate, beyond, 60.0, MODEL)
     lower, upper = torque_limits(surrogate, beyond, 60.0, MODEL)
     assert lower < 0.0 == upper
-
-
-def test_no_torque_has_no_end_of_speed_where_the_current_cancels_the_magnets(surrogate):
     stronger = dataclasses.replace(surrogate, peak_torque=20.0)  # 104 A, above psi / L = 90 A
     assert critical_speed(stronger, 0.0, 60.0, MODEL) == math.inf
     assert not voltage_infeasible(stronger, 1e6, 60.0, MODEL)

@@ -93,21 +93,6 @@ def test_it_is_the_motor_law_with_a_lower_current_limit(model, motor, level, sha
     assert 0.0 <= after <= 1.0
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"continuous_current": 0.0, "time_constant": 1.0}, "i2t.continuous_current"),
-        ({"continuous_current": 5.0, "time_constant": -1.0}, "i2t.time_constant"),
-        ({"continuous_current": 5.0, "peak_duration": math.nan}, "i2t.peak_duration"),
-        ({"continuous_current": 5.0}, "give peak_duration or time_constant"),
-        ({"continuous_current": 5.0, "peak_duration": 1.0, "time_constant": 1.0}, "one of them"),
-    ],
-)
-def test_impossible_limits_are_refused(values, message):
-    with pytest.raises(InvalidValueError, match=message):
-        I2tLimit(**values)
-
-
 def test_a_limit_that_does_not_fit_the_motor_is_refused(surrogate):
     limit = I2tLimit(continuous_current=1.01 * peak_current(surrogate), time_constant=1.0)
     with pytest.raises(InvalidValueError, match="must lie below the peak current of 78"):

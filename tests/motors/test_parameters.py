@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import stack_motors
+from sprintlab.motors import Battery, Gear, HousedHeat, I2tLimit, PreparedDrive, WindingHeat, stack_motors
+from sprintlab.motors.chart import JointDrive
 
 IMPOSSIBLE = {
     "pole_pairs": [0, 2.5, math.nan],
@@ -43,3 +44,47 @@ def test_wrong_prefix_is_explained(surrogate):
 def test_stack_keeps_order(surrogate):
     strong = dataclasses.replace(surrogate, peak_torque=18.0)
     np.testing.assert_array_equal(stack_motors([surrogate, strong]).peak_torque, [15.0, 18.0])
+
+
+GEAR = {"ratio": 6.0, "efficiency": 0.95}
+I2T = {"continuous_current": 5.0, "time_constant": 1.0}
+CHARGE_IN_PERCENT = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "values", "message"),
+    [
+        (Gear, GEAR | {"ratio": -6.0}, "ratio"),
+        (Gear, GEAR | {"efficiency": 95.0}, "efficiency"),
+        (Battery, {"internal_resistance": 75.0}, r"battery.internal_resistance"),  # milliohm
+        (Battery, {"voltage_table": (3.0, 4.0)}, "one voltage for each charge"),
+        (Battery, {"charge_table": (0.0, 0.5, 0.4, 1.0)}, "must rise"),
+        (Battery, {"charge_table": CHARGE_IN_PERCENT}, r"battery.charge_table"),
+        (WindingHeat, {"heat_capacity": 0.0}, r"heat.heat_capacity"),
+        (WindingHeat, {"ambient_temperature": 298.0}, r"heat.ambient_temperature"),  # kelvin
+        (WindingHeat, {"flux_coefficient": -0.11}, r"heat.flux_coefficient"),  # percent
+        (
+            HousedHeat,
+            {"housing_heat_capacity": 1.0, "housing_thermal_resistance": 0.0},
+            "housing_thermal",
+        ),
+        (I2tLimit, I2T | {"continuous_current": 0.0}, r"i2t.continuous_current"),
+        (I2tLimit, I2T | {"time_constant": math.nan}, r"i2t.time_constant"),
+        (I2tLimit, {"continuous_current": 5.0}, "give peak_duration or time_constant"),
+        (I2tLimit, I2T | {"peak_duration": 1.0}, "one of them"),
+    ],
+)
+def test_impossible_parts_are_refused_by_field(make, values, message):
+    with pytest.raises(InvalidValueError, match=message):
+        make(**values)
+
+
+def test_drives_have_a_bus_and_charts_one_motor(surrogate):
+    for make in (
+        PreparedDrive,
+        lambda *parts: JointDrive(motor=parts[0], gear=parts[1], bus_voltage=parts[2]),
+    ):
+        with pytest.raises(InvalidValueError, match="bus_voltage"):
+            make(surrogate, Gear(**GEAR), 0.0)
+    with pytest.raises(InvalidValueError, match="one number"):
+        JointDrive(motor=stack_motors([surrogate, surrogate]), gear=Gear(**GEAR), bus_voltage=60.0)

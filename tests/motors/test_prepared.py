@@ -11,7 +11,6 @@ from sprintlab.motors import (
     MOTOR_MODELS,
     PreparedDrive,
     critical_speed,
-    drive,
     drive_torque,
     envelope,
     prepared,
@@ -35,11 +34,6 @@ def test_equals_the_general_law_also_far_beyond_the_no_load_speed(model, torque,
         np.testing.assert_allclose(np.broadcast_to(got, 12), np.broadcast_to(wanted, 12), atol=1e-9)
 
 
-def test_refuses_a_voltage_of_zero():
-    with pytest.raises(InvalidValueError, match="bus_voltage"):
-        PreparedDrive(ROBOT.motors, ROBOT.gear, 0.0)
-
-
 def test_a_model_without_a_law_raises_everywhere(monkeypatch):
     """A name that is added to the list alone gave the plant the torque of another model."""
     for module in (envelope, prepared):
@@ -54,22 +48,3 @@ def test_a_model_without_a_law_raises_everywhere(monkeypatch):
     ):
         with pytest.raises(InvalidValueError, match="cubic"):
             ask()
-
-
-def test_a_model_without_a_fast_form_has_the_torque_of_the_general_law(monkeypatch):
-    """Half the torque at every speed: 6 and 7.5 N m, not 12 and 15."""
-    for module in (envelope, prepared):
-        monkeypatch.setattr(module, "MOTOR_MODELS", (*MOTOR_MODELS, "half"))
-    whole = envelope.torque_limits
-
-    def with_half(motor, speed, bus_voltage, model="refined"):
-        lower, upper = whole(motor, speed, bus_voltage, "square" if model == "half" else model)
-        return (lower / 2, upper / 2) if model == "half" else (lower, upper)
-
-    for module in (envelope, drive, prepared):
-        monkeypatch.setattr(module, "torque_limits", with_half)
-    asked, still = np.full(12, 1e4), np.zeros(12)
-    given = PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0, "half")(asked, still)
-    np.testing.assert_allclose(given.motor_torque, ROBOT.motors.peak_torque / 2)
-    expected = drive_torque(ROBOT.motors, ROBOT.gear, asked, still, 60.0, "half")
-    np.testing.assert_allclose(given.torque, expected.torque)

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import example, given
 from scipy.integrate import solve_ivp
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     HousedHeat,
     PmsmParameters,
@@ -92,19 +91,3 @@ def test_one_motor_an_element_in_numpy_and_torch(surrogate, torch):
     motors = heated_motor(surrogate, heat, torch.as_tensor(temperature))
     assert isinstance(motors.stator_resistance, torch.Tensor)
     assert warmed(heat, torch.zeros(12, device="meta"), 1.0, 1.0).device.type == "meta"
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("heat_capacity", 0.0),
-        ("thermal_resistance", -1.0),
-        ("ambient_temperature", 298.0),  # kelvin
-        ("flux_coefficient", 0.001),
-        ("flux_coefficient", -0.11),  # percent
-        ("magnet_share", 1.5),
-    ],
-)
-def test_impossible_heat_is_refused(field, value):
-    with pytest.raises(InvalidValueError, match=f"heat.{field}"):
-        WindingHeat(**{field: value})

@@ -10,7 +10,7 @@ from sprintlab.motors import (
     Battery,
     HousedHeat,
     I2tLimit,
-    MotorValues,
+    PmsmParameters,
     WindingHeat,
     battery_current,
     copper_loss,
@@ -26,6 +26,7 @@ from sprintlab.motors import (
     open_circuit_voltage,
     saturate,
     squared_current,
+    unchecked,
     warmed,
     warmed_with_housing,
 )
@@ -104,7 +105,9 @@ def test_warm_drives_on_a_battery_count_the_currents_that_flow():
         output = drive(desired, velocity)
         motors = heated_motor(ROBOT.motors, heat, before.winding_temperature)
         allowed = motors.torque_constant * i2t_current(15.0, before.i2t_level, decay)
-        limited = MotorValues.of(motors)._replace(peak_torque=np.minimum(motors.peak_torque, allowed))
+        limited = unchecked(
+            PmsmParameters, {**vars(motors), "peak_torque": np.minimum(motors.peak_torque, allowed)}
+        )
         asked = desired * flux_factor(heat, before.winding_temperature)
         expected = drive_torque(limited, ROBOT.gear, asked, velocity, drive.state.bus_voltage)
         np.testing.assert_allclose(output.motor_torque, expected.motor_torque, atol=1e-9)

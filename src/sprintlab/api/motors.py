@@ -230,7 +230,6 @@ def _envelope_numbers(drive: JointDrive, points: int, operated: OperatingPoints 
     for name in chart.envelope_names():
         limits = chart.joint_limits(drive, columns["speed"], name)
         columns |= {f"{name} {side}": limit for side, limit in zip(("lower", "upper"), limits, strict=True)}
-    costs = [chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES]
     numbers = {
         "bus_voltage": drive.bus_voltage,
         "gear": asdict(drive.gear),
@@ -238,8 +237,8 @@ def _envelope_numbers(drive: JointDrive, points: int, operated: OperatingPoints 
         "no_load_speed": drive.no_load_speed,
         "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
         "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
-        "peak_power": {name: asdict(chart.peak_power(drive, name)) for name in chart.envelope_names()},
-        "d_axis_cost": [{**asdict(cost), "lost": cost.lost} for cost in costs],
+        "peak_power": {name: chart.peak_power(drive, name) for name in chart.envelope_names()},
+        "d_axis_cost": [chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES],
         "rows": [{name: float(values[i]) for name, values in columns.items()} for i in range(points)],
     }
     return numbers if operated is None else {**numbers, "operating_points": operated.summary(drive)}

@@ -10,7 +10,7 @@ from sprintlab.core.errors import InvalidValueError
 _INFINITE = float("inf")
 
 
-def _every(condition: Any) -> bool:
+def every(condition: Any) -> bool:
     """True where a scalar or every element of an array satisfies the condition."""
     return bool(condition.all()) if hasattr(condition, "all") else bool(condition)
 
@@ -18,7 +18,7 @@ def _every(condition: Any) -> bool:
 def check_finite(field: str, value: Any) -> None:
     """Refuse NaN, infinity and values that are not numbers. Raises ``InvalidValueError``."""
     try:  # compared, not abs(): a complex number has one, too
-        finite = _every((value > -_INFINITE) & (value < _INFINITE))
+        finite = every((value > -_INFINITE) & (value < _INFINITE))
         if isinstance(value, int):
             float(value)  # Python's whole numbers go on beyond all floats
     except (TypeError, OverflowError):
@@ -30,7 +30,7 @@ def check_finite(field: str, value: Any) -> None:
 def check_range(field: str, value: Any, low: float, high: float, unit: str = "") -> None:
     """Refuse values outside ``[low, high]``. Raises ``InvalidValueError``."""
     check_finite(field, value)
-    if not _every((value >= low) & (value <= high)):
+    if not every((value >= low) & (value <= high)):
         raise InvalidValueError(field, value, f"must lie in [{low:g}, {high:g}] {unit}".rstrip())
 
 
@@ -49,7 +49,7 @@ def check_interval(
 def check_positive(field: str, value: Any, unit: str = "") -> None:
     """Refuse zero and negative values. Raises ``InvalidValueError``."""
     check_finite(field, value)
-    if not _every(value > 0):
+    if not every(value > 0):
         raise InvalidValueError(field, value, f"must be greater than 0 {unit}".rstrip())
 
 

@@ -88,13 +88,12 @@ def read_rows(path: str | os.PathLike[str], limit: int) -> list[dict[str, float]
     rows: list[dict[str, float]] = []
     for line in read_text(path, limit, what="log").splitlines():
         try:
-            row = parse_json(line)
+            row = cast("dict[str, object]", parse_json(line))
         except ValueError as error:
             raise SprintlabError(f"{path} is not a training log: {error}") from error
-        values = list(cast("dict[str, Any]", row).values()) if isinstance(row, dict) else [None]
-        if not all(isinstance(value, int | float) for value in values):
+        if type(row) is not dict or not all(isinstance(value, int | float) for value in row.values()):
             raise SprintlabError(f"{path} is not a training log: a line is not a row of numbers")
-        rows.append(row)
+        rows.append(cast("dict[str, float]", row))
     return rows
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 # pyright: reportMissingImports=false
 from collections.abc import Sequence
 from dataclasses import MISSING
-from typing import Any, NamedTuple, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,20 +19,14 @@ from isaaclab.utils import configclass
 from sprintlab.motors import (
     Gear,
     MotorModel,
-    MotorValues,
     PmsmParameters,
     drive_torque,
     no_load_speed,
     reflected_inertia,
+    unchecked,
 )
+from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots import JointMotors
-
-
-class _GearValues(NamedTuple):
-    """``Gear`` without its checks."""
-
-    ratio: torch.Tensor
-    efficiency: torch.Tensor
 
 
 class PmsmActuator(IdealPDActuator):
@@ -55,8 +49,8 @@ class PmsmActuator(IdealPDActuator):
     def _clip_effort(self, effort: torch.Tensor, joint_vel: torch.Tensor) -> torch.Tensor:
         """Torque that the motors give [N m] for the PD loop's, both ``(environments, joints)``."""
         values = self.parameters
-        motor = cast("PmsmParameters", MotorValues(*(values[name] for name in MotorValues._fields)))
-        gear = cast("Gear", _GearValues(values["gear_ratio"], values["gear_efficiency"]))
+        motor = unchecked(PmsmParameters, {name: values[name] for name in MOTOR_UNITS})
+        gear = unchecked(Gear, {"ratio": values["gear_ratio"], "efficiency": values["gear_efficiency"]})
         return drive_torque(
             motor, gear, effort, joint_vel, values["bus_voltage"], self.cfg.motor_model
         ).torque

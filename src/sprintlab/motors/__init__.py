@@ -1,4 +1,11 @@
-"""Permanent-magnet motors: what torque they can give at which speed, from their parameters alone."""
+"""Permanent-magnet motors: what torque they can give at which speed, from their parameters alone.
+
+Unless a docstring says otherwise, quantities are on the motor's side of the gear; arguments, and the fields
+of motors and gears, are numbers or arrays (NumPy, PyTorch) that broadcast, and results have the broadcast
+shape. ``speed`` is mechanical [rad/s], ``torque`` and ``motor_torque`` are before saturation [N m],
+``bus_voltage`` is the DC bus [V], ``model`` is one of ``MOTOR_MODELS``. An unknown model, or a bus voltage
+that is a negative Python number, raises ``InvalidValueError``.
+"""
 
 from sprintlab.motors.actuator_library import LibraryMotor as LibraryMotor
 from sprintlab.motors.actuator_library import LibraryValue as LibraryValue
@@ -33,10 +40,10 @@ from sprintlab.motors.gear import joint_torque as joint_torque
 from sprintlab.motors.gear import motor_speed as motor_speed
 from sprintlab.motors.gear import reflected_inertia as reflected_inertia
 from sprintlab.motors.gear import shaft_torque as shaft_torque
-from sprintlab.motors.parameters import MotorValues as MotorValues
 from sprintlab.motors.parameters import PmsmParameters as PmsmParameters
 from sprintlab.motors.parameters import single as single
 from sprintlab.motors.parameters import stack_motors as stack_motors
+from sprintlab.motors.parameters import unchecked as unchecked
 from sprintlab.motors.power import copper_loss as copper_loss
 from sprintlab.motors.power import electrical_power as electrical_power
 from sprintlab.motors.prepared import PreparedDrive as PreparedDrive

@@ -28,11 +28,7 @@ class LibraryValue:
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryMotor:
-    """A motor with its gear on the bus it was published with; plain numbers.
-
-    Raises:
-        InvalidValueError: the bus voltage is not positive.
-    """
+    """A motor with its gear on the bus it was published with; plain numbers."""
 
     name: str
     title: str
@@ -42,10 +38,6 @@ class LibraryMotor:
     """[V]"""
     values: Mapping[str, LibraryValue]
     """Every number by its name, e.g. ``motor.flux_linkage``, ``gear.ratio``, ``bus_voltage``."""
-
-    def __post_init__(self) -> None:
-        """Refuse an actuator without a supply."""
-        check_positive("bus_voltage", self.bus_voltage, "V")
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -60,40 +52,38 @@ def library_motors() -> tuple[str, ...]:
 
 
 def load_library_motor(name: str) -> LibraryMotor:
-    """One actuator of the library.
-
-    Raises:
-        InvalidValueError: there is no such actuator.
-    """
+    """One actuator of the library. Raises ``InvalidValueError`` for another name."""
     check_choice("name", name, library_motors())
     text = (resources.files("sprintlab.motors") / "library" / f"{name}.toml").read_text(encoding="utf-8")
     return actuator_from_toml(name, text)
 
 
 def actuator_from_toml(name: str, text: str) -> LibraryMotor:
-    """An actuator from the text of a library file.
+    """An actuator from the text of a library file; ``name`` is that of the file.
 
-    Args:
-        name: names the file in errors.
-        text: ``title``, and for ``bus_voltage`` and each field of ``motor`` and ``gear`` a table with
-            ``value``, ``source`` and, where the number is not published, ``estimated = true``.
+    It holds ``title``, and for ``bus_voltage`` and each field of ``motor`` and ``gear`` a table with
+    ``value``, ``source`` and, where the number is not published, ``estimated = true``.
 
     Raises:
         InvalidValueError: a number or its source is missing, unknown or impossible.
     """
     document = parse_toml(text)
     values = {"bus_voltage": _value(f"{name}: bus_voltage", document.get("bus_voltage"))}
+    numbers: dict[str, dict[str, float]] = {}
     for group, kind in (("motor", PmsmParameters), ("gear", Gear)):
         table = cast("dict[str, Any]", document.get(group, {}))
         known = [item.name for item in fields(kind)]
         for key in table:
             check_choice(f"{name}: {group}", key, known)
-        values |= {f"{group}.{key}": _value(f"{name}: {group}.{key}", table.get(key)) for key in known}
+        found = {key: _value(f"{name}: {group}.{key}", table.get(key)) for key in known}
+        numbers[group] = {key: value.value for key, value in found.items()}
+        values |= {f"{group}.{key}": value for key, value in found.items()}
+    check_positive("bus_voltage", values["bus_voltage"].value, "V")
     return LibraryMotor(
         name=name,
         title=str(document["title"]),
-        motor=PmsmParameters(**_numbers(values, "motor")),
-        gear=Gear(**_numbers(values, "gear")),
+        motor=PmsmParameters(**numbers["motor"]),
+        gear=Gear(**numbers["gear"]),
         bus_voltage=values["bus_voltage"].value,
         values=values,
     )
@@ -102,20 +92,7 @@ def actuator_from_toml(name: str, text: str) -> LibraryMotor:
 def _value(field: str, table: Any) -> LibraryValue:
     """A number that says where it comes from."""
     entry = cast("dict[str, Any]", table) if isinstance(table, dict) else {}
-    if not {"value", "source"} <= set(entry):
+    if "value" not in entry or not str(entry.get("source", "")).strip():
         raise InvalidValueError(field, cast("object", table), "must be a table with value and source")
-    if not str(entry["source"]).strip():
-        raise InvalidValueError(f"{field}.source", entry["source"], "must name a source")
-    return LibraryValue(
-        value=float(entry["value"]),
-        source=str(entry["source"]),
-        estimated=bool(entry.get("estimated", False)),
-    )
-
-
-def _numbers(values: Mapping[str, LibraryValue], group: str) -> dict[str, float]:
-    return {
-        name.removeprefix(f"{group}."): value.value
-        for name, value in values.items()
-        if name.startswith(f"{group}.")
-    }
+    estimated = bool(entry.get("estimated", False))
+    return LibraryValue(value=float(entry["value"]), source=str(entry["source"]), estimated=estimated)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.core.checks import check_finite, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, Floats, as_arrays, as_values
 
@@ -59,28 +59,19 @@ class Battery:
 
     def _check_tables(self) -> None:
         charge, voltage = self.charge_table, self.voltage_table
-        for name, table in (("charge_table", charge), ("voltage_table", voltage)):
+        for name, table, low, high in (("charge", charge, 0.0, 1.0), ("voltage", voltage, 1e-3, 1e3)):
             for value in table:
-                check_finite(f"battery.{name}", value)
+                check_range(f"battery.{name}_table", value, low, high)
             if any(later <= earlier for earlier, later in pairwise(table)):
-                raise InvalidValueError(f"battery.{name}", table, "must rise from number to number")
-        if len(charge) < 2 or len(charge) != len(voltage):
-            raise InvalidValueError(
-                "battery.voltage_table", voltage, "give one voltage for each charge, two at least"
-            )
-        if (charge[0], charge[-1]) != (0.0, 1.0):
+                raise InvalidValueError(f"battery.{name}_table", table, "must rise from number to number")
+        if len(charge) != len(voltage):
+            raise InvalidValueError("battery.voltage_table", voltage, "give one voltage for each charge")
+        if (*charge[:1], *charge[-1:]) != (0.0, 1.0):
             raise InvalidValueError("battery.charge_table", charge, "must reach from 0 to 1")
-        check_range("battery.voltage_table", voltage[0], 1e-3, 1e3, "V")
-        check_range("battery.voltage_table", voltage[-1], 1e-3, 1e3, "V")
 
 
 def open_circuit_voltage(battery: Battery, state_of_charge: Array) -> Array:
-    """Voltage of the pack without load [V].
-
-    Args:
-        battery: the pack.
-        state_of_charge: any shape [-]; below 0 and above 1 the ends of the table hold.
-    """
+    """Voltage of the pack without load [V] at a state of charge [-]; beyond 0 and 1 as at the ends."""
     xp, (charge,) = as_values(state_of_charge)
     voltage = xp.zeros_like(charge) + battery.voltage_table[0]
     steps = zip(pairwise(battery.charge_table), pairwise(battery.voltage_table), strict=True)
@@ -91,16 +82,10 @@ def open_circuit_voltage(battery: Battery, state_of_charge: Array) -> Array:
 
 
 def loaded_voltage(battery: Battery, state_of_charge: Array, power: Array) -> Array:
-    """Voltage of the bus while the joints draw a power, ``(E + sqrt(E^2 - 4 R P)) / 2`` [V].
+    """Voltage of the bus while all joints together draw a power [W], ``(E + sqrt(E^2 - 4 R P)) / 2`` [V].
 
-    Args:
-        battery: the pack.
-        state_of_charge: [-], any shape.
-        power: drawn by all joints together [W], negative when they feed back; broadcasts with the charge.
-
-    Returns:
-        In the broadcast shape. More power than ``E^2 / 4 R``, the most that the pack can give, leaves
-        ``E / 2``; more feedback than the pack takes leaves ``E + R x regeneration_limit``.
+    More power than ``E^2 / 4 R``, the most that the pack can give, leaves ``E / 2``; feedback, which is
+    negative, leaves at most ``E + R x regeneration_limit``.
     """
     return _under_load(battery, open_circuit_voltage(battery, state_of_charge), power)
 
@@ -125,18 +110,14 @@ def shared_bus_voltage(
     secants. Each is held so near the middle of its bracket that the last step leaves 0.1 mV of it, however
     the power depends on the voltage (the projection of the ITP method: Oliveira and Takahashi, ACM Trans.
     Math. Softw. 47, 2020); that moves only those still looking after some fifteen steps. A voltage whose
-    residual is below 0.1 mV stays. So the answer is one of these, or within 0.1 mV of where the residual
-    changes sign. Tensors take a fixed number of steps and never make the host wait; NumPy stops when all
-    stay, most often after three or four.
+    residual is below 0.1 mV stays. Tensors take a fixed number of steps and never make the host wait; NumPy
+    stops when all stay, most often after three or four.
 
     Args:
         battery: the pack.
-        state_of_charge: [-], one value a pack, e.g. of shape ``(n,)``.
-        power_at: power of all joints together [W] at a bus voltage [V], shaped like ``state_of_charge``.
+        state_of_charge: [-], one value per pack, e.g. of shape ``(n,)``.
+        power_at: power of all joints together [W] ``(n,)`` at a bus voltage [V] ``(n,)``.
         guess: where to begin [V], e.g. the voltage a moment ago; the highest possible when left out.
-
-    Returns:
-        Shaped like ``state_of_charge``.
     """
     source = open_circuit_voltage(battery, state_of_charge)
     xp, (source, first) = as_values(source, source if guess is None else guess)
@@ -163,13 +144,7 @@ def shared_bus_voltage(
 
 
 def battery_current(battery: Battery, voltage: Array, power: Array) -> Array:
-    """Current out of the pack [A], negative into it and then at most ``regeneration_limit``.
-
-    Args:
-        battery: the pack.
-        voltage: voltage of the bus, from ``loaded_voltage`` or ``shared_bus_voltage`` [V].
-        power: drawn by all joints together [W], broadcasts with ``voltage``.
-    """
+    """Current out of the pack [A] at a voltage [V] and power [W]; into it at most ``regeneration_limit``."""
     xp, (voltage, power) = as_arrays(voltage, power)
     current = power / voltage
     return xp.maximum(current, xp.zeros_like(current) - battery.regeneration_limit)

@@ -64,58 +64,13 @@ class JointDrive:
         return float(joint_torque(self.gear, self.motor.peak_torque))
 
 
-@dataclass(frozen=True, kw_only=True)
-class AxisCost:
-    """What the d-axis voltage takes from the driving torque at one speed."""
-
-    share: float
-    """Speed over the no-load speed [-]."""
-    speed: float
-    """Joint speed [rad/s]."""
-    torque_without: float
-    """Greatest joint torque when v_d is left out (``simplified-dc``) [N m]."""
-    torque: float
-    """Greatest joint torque of the refined model [N m]."""
-    voltage_share: float
-    """``|v_d| / V`` at the refined limit [-]."""
-
-    @property
-    def lost(self) -> float:
-        """Share of ``torque_without`` that the d-axis voltage costs [-]."""
-        return 1.0 - self.torque / self.torque_without if self.torque_without > 0 else 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class PeakPower:
-    """Where a driving joint gives most mechanical power."""
-
-    power: float
-    """[W]"""
-    speed: float
-    """Joint speed [rad/s]."""
-    torque: float
-    """Joint torque [N m]."""
-
-
 def envelope_names() -> tuple[str, ...]:
     """Every envelope of a chart: the motor models, then ``SATURATED``."""
     return (*MOTOR_MODELS, SATURATED)
 
 
 def joint_limits(drive: JointDrive, speed: Array, name: str) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest joint torque [N m] at joint speeds, four quadrants.
-
-    Args:
-        drive: motor, gear and bus.
-        speed: joint speed [rad/s], any shape.
-        name: one of ``envelope_names()``.
-
-    Returns:
-        ``(lower, upper)`` in the shape of ``speed``.
-
-    Raises:
-        InvalidValueError: there is no such envelope.
-    """
+    """Least and greatest joint torque [N m] at joint speeds [rad/s] under one of ``envelope_names()``."""
     model: Any = "refined" if name == SATURATED else name
     motor_speed = np.asarray(speed, dtype=float) * drive.gear.ratio
     limits = torque_limits(drive.motor, motor_speed, drive.bus_voltage, model=model)
@@ -134,10 +89,7 @@ def peak_torque_speed(drive: JointDrive, model: MotorModel) -> float | None:
 def end_of_drive(drive: JointDrive, model: MotorModel) -> float | None:
     """Highest joint speed at which a model still drives [rad/s], to 0.1 % of the peak torque.
 
-    For the models with i_d = 0 this is close to the no-load speed, with flux weakening above it.
-
-    Returns:
-        The speed; ``None`` where the model still drives at eight times the no-load speed.
+    ``None`` where the model still drives at eight times the no-load speed.
     """
     speed = np.linspace(0.0, _FARTHEST * drive.no_load_speed, _SEARCH_POINTS)
     _, upper = joint_limits(drive, speed, model)
@@ -147,28 +99,34 @@ def end_of_drive(drive: JointDrive, model: MotorModel) -> float | None:
     return float(speed[np.flatnonzero(driving)[-1]]) if driving.any() else 0.0
 
 
-def d_axis_cost(drive: JointDrive, share: float) -> AxisCost:
-    """What the d-axis voltage costs at ``share`` of the no-load speed.
+def d_axis_cost(drive: JointDrive, share: float) -> dict[str, float]:
+    """What the d-axis voltage takes from the driving torque at ``share`` of the no-load speed.
 
     At the refined limit the current ``i_q`` makes ``v_d = -omega_e L i_q``.
+
+    Returns:
+        ``share`` [-], joint ``speed`` [rad/s], greatest joint torques without v_d (``simplified-dc``) and
+        with it [N m], ``voltage_share = |v_d| / V`` there [-], and the share ``lost`` of the torque [-].
     """
     motor, speed = drive.motor, share * drive.no_load_speed
     without = float(joint_limits(drive, speed, "simplified-dc")[1])
     _, upper = torque_limits(motor, speed * drive.gear.ratio, drive.bus_voltage)
+    torque = float(joint_torque(drive.gear, upper))
     current = float(upper) / float(motor.torque_constant)
     electrical_speed = float(motor.pole_pairs) * speed * float(drive.gear.ratio)
     voltage = abs(electrical_speed * float(motor.q_axis_inductance) * current)
-    return AxisCost(
-        share=share,
-        speed=speed,
-        torque_without=without,
-        torque=float(joint_torque(drive.gear, upper)),
-        voltage_share=voltage / float(phase_voltage_limit(drive.bus_voltage)),
-    )
+    return {
+        "share": share,
+        "speed": speed,
+        "torque_without": without,
+        "torque": torque,
+        "voltage_share": voltage / float(phase_voltage_limit(drive.bus_voltage)),
+        "lost": 1.0 - torque / without if without > 0 else 0.0,
+    }
 
 
-def peak_power(drive: JointDrive, name: str) -> PeakPower:
-    """The driving point of most mechanical power under one envelope.
+def peak_power(drive: JointDrive, name: str) -> dict[str, float]:
+    """Where a joint drives with most ``power`` [W] under one envelope: ``speed`` [rad/s], ``torque`` [N m].
 
     Looked for as far as the model drives, with flux weakening beyond the no-load speed; ``square``, which
     always drives, is looked at up to the no-load speed.
@@ -179,9 +137,11 @@ def peak_power(drive: JointDrive, name: str) -> PeakPower:
     speed = np.linspace(0.0, farthest, _SEARCH_POINTS)
     _, upper = joint_limits(drive, speed, name)
     best = int(np.argmax(upper * speed))
-    return PeakPower(
-        power=float(upper[best] * speed[best]), speed=float(speed[best]), torque=float(upper[best])
-    )
+    return {
+        "power": float(upper[best] * speed[best]),
+        "speed": float(speed[best]),
+        "torque": float(upper[best]),
+    }
 
 
 def joint_copper_loss(drive: JointDrive, delivered_torque: Array) -> FloatArray:

@@ -41,15 +41,12 @@ def drive_torque(
     firmware that turns torque into current by the nominal torque constant. Nothing here waits for a device.
 
     Args:
-        motor: parameters, numbers or arrays, e.g. of shape ``(12,)``.
-        gear: ratio and efficiency, numbers or arrays.
+        motor: parameters, e.g. of shape ``(12,)``.
+        gear: ratio and efficiency.
         desired_joint_torque: wanted torque on the joint [N m], e.g. of shape ``(n, 12)``.
-        joint_velocity: joint velocity [rad/s], broadcasts with it.
-        bus_voltage: DC bus [V], broadcasts with it.
-        model: one of ``MOTOR_MODELS``.
-
-    Raises:
-        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+        joint_velocity: [rad/s].
+        bus_voltage: [V].
+        model: the envelope.
     """
     xp, (desired, ratio) = as_arrays(desired_joint_torque, gear.ratio)
     speed = motor_speed(gear, joint_velocity)

@@ -49,18 +49,8 @@ def torque_limits(
     ``-1.5 N psi R w psi / Z^2``, which continues the interval without a jump. With flux weakening, where that
     speed is far higher, it reaches from there to zero.
 
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``speed``.
-        speed: mechanical motor speed [rad/s], any shape, finite.
-        bus_voltage: DC bus [V], broadcasts with ``speed``.
-        model: one of ``MOTOR_MODELS``.
-
     Returns:
-        ``(lower, upper)`` [N m], motor side, before saturation, in the broadcast shape, ``lower <= upper``,
-        never NaN, within ``±peak_torque``.
-
-    Raises:
-        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+        ``(lower, upper)`` [N m], ``lower <= upper``, never NaN, within ``±peak_torque``.
     """
     check_choice("model", model, MOTOR_MODELS)
     if model == "square":
@@ -79,17 +69,8 @@ def voltage_infeasible(
 ) -> Array:
     """Where no torque within ``±peak_torque`` satisfies the voltage limit: over-speed, to be counted.
 
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``speed``.
-        speed: mechanical motor speed [rad/s], any shape.
-        bus_voltage: DC bus [V], broadcasts with ``speed``.
-        model: one of ``MOTOR_MODELS``; ``"square"`` knows no voltage limit.
-
     Returns:
-        Boolean array in the broadcast shape.
-
-    Raises:
-        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+        Truth values; all false under ``"square"``, which knows no voltage limit.
     """
     check_choice("model", model, MOTOR_MODELS)
     if model == "flux-weakening":
@@ -108,18 +89,10 @@ def critical_speed(
 
     The greater root of ``(L^2 i^2 + psi^2) w^2 + 2 R i psi w + R^2 i^2 = V^2``.
 
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``torque``.
-        torque: motor torque before saturation [N m]; negative brakes. The current limit is not applied,
-            except to the d-axis current of flux weakening.
-        bus_voltage: DC bus [V], broadcasts with ``torque``.
-        model: one of ``MOTOR_MODELS``; ``"square"`` knows no critical speed and gives infinity.
+    A negative torque brakes. The current limit is applied only to the d-axis current of flux weakening.
 
     Returns:
-        Mechanical speed [rad/s], not negative; 0 where the torque fits at no positive speed.
-
-    Raises:
-        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+        [rad/s], not negative; 0 where the torque fits at no positive speed, infinity under ``"square"``.
     """
     check_choice("model", model, MOTOR_MODELS)
     if model == "flux-weakening":
@@ -143,12 +116,7 @@ def critical_speed(
 
 
 def no_load_speed(motor: PmsmParameters, bus_voltage: Array) -> Array:
-    """Speed at which the back-EMF alone takes the whole voltage, ``V / (N psi)`` [rad/s].
-
-    Args:
-        motor: parameters, numbers or arrays.
-        bus_voltage: DC bus [V], broadcasts with the parameters.
-    """
+    """Speed at which the back-EMF alone takes the whole voltage, ``V / (N psi)`` [rad/s]."""
     _, (voltage, pole_pairs, flux) = as_arrays(
         phase_voltage_limit(bus_voltage), motor.pole_pairs, motor.flux_linkage
     )

@@ -24,24 +24,16 @@ _TABLES = ("battery", "heat", "i2t")
 
 
 def load_motor(path: str | os.PathLike[str]) -> PmsmParameters:
-    """Read a motor from a TOML file.
-
-    Args:
-        path: file with a ``[motor]`` table; a list of numbers gives one motor an element.
+    """Read a motor from the ``[motor]`` table of a TOML file; a list of numbers gives one motor an element.
 
     Raises:
-        SprintlabError: the file cannot be read or is no TOML.
-        InvalidValueError: a field is unknown, missing, or holds an impossible value; the field is named
-            with its file.
+        SprintlabError: the file cannot be read or is not TOML.
+        InvalidValueError: a field is unknown, missing, or holds an impossible value; named with its file.
     """
     document = read_toml(path, what="motor file")
-    if set(document) != {"motor"} or not isinstance(document["motor"], dict):
+    if set(document) != {"motor"}:
         raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [motor]")
-    try:
-        return _built(PmsmParameters, "motor", document["motor"])
-    except InvalidValueError as error:
-        field = error.field if error.field.startswith("motor.") else f"motor.{error.field}"
-        raise InvalidValueError(f"{path}: {field}", error.value, error.allowed) from error
+    return _built(path, PmsmParameters, "motor", document["motor"])
 
 
 def save_motor(motor: PmsmParameters, path: str | os.PathLike[str]) -> None:
@@ -65,34 +57,20 @@ class SupplyFile:
 def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
     """Read a battery, a thermal model, an I²t limit; fields that are left out keep their defaults.
 
-    Raises:
-        SprintlabError: the file cannot be read or is no TOML.
-        InvalidValueError: a table or field is unknown or holds an impossible value; named with the file.
+    Raises as ``load_motor``.
     """
     document = read_toml(path, what="supply file")
     if not document or set(document) - set(_TABLES):
-        raise InvalidValueError(
-            f"{path}", sorted(document), "must hold the tables [battery], [heat] and [i2t], or some of them"
-        )
-    # Two thermal nodes where the table speaks of a housing.
-    heat = document.get("heat")
-    housed = isinstance(heat, dict) and any(
-        key.startswith("housing_") for key in cast("dict[str, Any]", heat)
-    )
+        allowed = "must hold the tables [battery], [heat] and [i2t], or some of them"
+        raise InvalidValueError(f"{path}", sorted(document), allowed)
+    housed = "housing_" in str(document.get("heat"))  # two thermal nodes where the table speaks of a housing
     kinds = {"battery": Battery, "heat": HousedHeat if housed else WindingHeat, "i2t": I2tLimit}
-    try:
-        parts = {name: _built(kinds[name], name, table) for name, table in document.items()}
-    except InvalidValueError as error:
-        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+    parts = {name: _built(path, kinds[name], name, table) for name, table in document.items()}
     return SupplyFile(**dict.fromkeys(_TABLES) | parts)
 
 
 def save_supply(supply: SupplyFile, path: str | os.PathLike[str]) -> None:
-    """Write what a ``SupplyFile`` holds as TOML, in one step; ``load_supply`` reads it.
-
-    Raises:
-        SprintlabError: the file cannot be written.
-    """
+    """Write what a ``SupplyFile`` holds as TOML, in one step. Raises as ``save_motor``."""
     parts = {name: getattr(supply, name) for name in _TABLES}
     tables = {name: table_of(part) for name, part in parts.items() if part is not None}
     atomic_write_text(path, tomli_w.dumps(tables))
@@ -107,24 +85,26 @@ def table_of(part: PmsmParameters | Battery | WindingHeat | I2tLimit) -> dict[st
     }
 
 
-def _built(kind: Any, name: str, table: Any) -> Any:
+def _built(path: str | os.PathLike[str], kind: Any, name: str, table: Any) -> Any:
     """A table of a file as its dataclass; a list is a table of a battery, or one number a motor."""
     known = {item.name: item for item in fields(kind)}
     if not isinstance(table, dict):
-        raise InvalidValueError(name, table, "must be a table")
+        raise InvalidValueError(f"{path}: {name}", table, "must be a table")
     values = cast("dict[str, Any]", table)
-    for field, value in values.items():
+    for field in values:
         if field not in known:
-            raise InvalidValueError(f"{name}.{field}", value, "unknown; choose among " + ", ".join(known))
+            allowed = "unknown; choose among " + ", ".join(known)
+            raise InvalidValueError(f"{path}: {name}.{field}", values[field], allowed)
     for field, item in known.items():
         if field not in values and item.default is MISSING:
-            raise InvalidValueError(f"{name}.{field}", None, "the field is missing")
+            raise InvalidValueError(f"{path}: {name}.{field}", None, "the field is missing")
     several: Any = tuple if kind is Battery else np.asarray
     try:
         return kind(
-            **{name: several(value) if isinstance(value, list) else value for name, value in values.items()}
+            **{key: several(item) if isinstance(item, list) else item for key, item in values.items()}
         )
+    except InvalidValueError as error:
+        field = f"{name}.{error.field.removeprefix(f'{name}.')}"
+        raise InvalidValueError(f"{path}: {field}", error.value, error.allowed) from error
     except (TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, InvalidValueError):
-            raise
-        raise InvalidValueError(name, values, "give numbers and lists of numbers") from error
+        raise InvalidValueError(f"{path}: {name}", values, "give numbers and lists of numbers") from error

@@ -42,22 +42,14 @@ class _CurrentPlane(NamedTuple):
     """The two disks of one operating point, all arrays of one namespace ``xp``."""
 
     xp: Any
-    torque_constant: Array
-    """1.5 N psi [N m/A]."""
-    current_limit: Array
-    """Radius of the current disk [A]."""
-    radius: Array
-    """Radius of the voltage disk [A]."""
-    distance: Array
-    """Distance of the voltage disk's centre from the origin [A]."""
-    direct: Array
-    """d-axis component of the unit vector toward the centre, not positive."""
-    quadrature: Array
-    """Its q-axis component; has the opposite sign of the speed."""
-    chord: Array
-    """Distance of the crossings' chord from the origin along that vector [A], within ``±current_limit``."""
-    empty: Array
-    """Where the disks share nothing."""
+    torque_constant: Array  # 1.5 N psi [N m/A]
+    current_limit: Array  # radius of the current disk [A]
+    radius: Array  # of the voltage disk [A]
+    distance: Array  # of the voltage disk's centre from the origin [A]
+    direct: Array  # d-axis component of the unit vector toward the centre, not positive
+    quadrature: Array  # its q-axis component; has the opposite sign of the speed
+    chord: Array  # distance of the crossings' chord from the origin along that vector [A]
+    empty: Array  # where the disks share nothing
 
 
 def flux_weakening_limits(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> tuple[Array, Array]:
@@ -65,10 +57,6 @@ def flux_weakening_limits(motor: PmsmParameters, speed: Array, bus_voltage: Arra
 
     Above the speed where the disks part, the interval reaches from the torque of the current that violates
     the voltage limit least, ``-1.5 N psi I R / Z``, to zero: no drive.
-
-    Returns:
-        ``(lower, upper)`` [N m], motor side, before saturation, in the broadcast shape, ``lower <= upper``,
-        never NaN.
     """
     plane = _current_plane(motor, speed, bus_voltage)
     xp = plane.xp
@@ -81,20 +69,9 @@ def flux_weakening_limits(motor: PmsmParameters, speed: Array, bus_voltage: Arra
 
 
 def dq_currents(motor: PmsmParameters, torque: Array, speed: Array, bus_voltage: Array) -> DqCurrents:
-    """Currents with the least copper loss that give a torque within voltage and current limit.
+    """Currents with the least copper loss that give a torque, clipped to ``flux_weakening_limits``.
 
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``speed``.
-        torque: motor torque before saturation [N m]; clipped to ``flux_weakening_limits``.
-        speed: mechanical motor speed [rad/s], broadcasts with ``torque``.
-        bus_voltage: DC bus [V], broadcasts with ``speed``.
-
-    Returns:
-        i_d and i_q in the broadcast shape, never NaN. Where no current satisfies the voltage limit, the one
-        that is nearest to it for the clipped torque.
-
-    Raises:
-        InvalidValueError: ``bus_voltage`` is a negative number.
+    Never NaN. Where no current satisfies the voltage limit, the one that is nearest to it.
     """
     lower, upper = flux_weakening_limits(motor, speed, bus_voltage)
     xp, (torque, constant, _) = as_arrays(torque, motor.torque_constant, upper)
@@ -105,14 +82,7 @@ def dq_currents(motor: PmsmParameters, torque: Array, speed: Array, bus_voltage:
 def weakening_current(motor: PmsmParameters, torque: Array, speed: Array, bus_voltage: Array) -> Array:
     """The d-axis current nearest to zero [A] for a torque that lies within ``flux_weakening_limits``.
 
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``speed``.
-        torque: motor torque before saturation [N m].
-        speed: mechanical motor speed [rad/s], broadcasts with ``torque``.
-        bus_voltage: DC bus [V], broadcasts with ``speed``.
-
-    Returns:
-        i_d in the broadcast shape, not positive, never NaN.
+    Not positive, never NaN.
     """
     plane = _current_plane(motor, speed, bus_voltage)
     _, (torque, constant) = as_arrays(torque, plane.torque_constant)

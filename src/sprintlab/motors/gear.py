@@ -41,15 +41,8 @@ def joint_torque(gear: Gear, motor_torque: Array, joint_velocity: Array | None =
 
     Driving, the joint gets ``G tau eta``; braking, the motor sees the joint torque times ``eta``, and the
     joint feels ``G tau / eta``. In between, over about ``TURNING_SPEED``, ``eta`` changes its exponent
-    smoothly from 1 to -1, so that the loss is friction: never negative, and none at rest.
-
-    Args:
-        gear: ratio and efficiency.
-        motor_torque: on the shaft, after saturation [N m].
-        joint_velocity: [rad/s], broadcasts with it; ``None``: driving.
-
-    Returns:
-        Torque on the joint [N m], in the broadcast shape.
+    smoothly from 1 to -1, so that the loss is friction: never negative, and none at rest. The torque of the
+    motor is after saturation; without a ``joint_velocity`` [rad/s] the motor drives.
     """
     _, (torque, ratio) = as_arrays(motor_torque, gear.ratio)
     return torque * ratio * _passed_on(gear, torque, joint_velocity)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, TypeVar
 
 import numpy as np
 
-from sprintlab.core.checks import check_range
+from sprintlab.core.checks import check_range, every
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, as_arrays
 
+T = TypeVar("T")
 MOTOR_UNITS = {
     "pole_pairs": "",
     "stator_resistance": "ohm",
@@ -31,6 +32,7 @@ _PLAUSIBLE = {
     "q_axis_inductance": (0.0, 1e-2),
     "flux_linkage": (1e-5, 0.5),
     "peak_torque": (1e-4, 5e3),
+    "saturation": (0.0, 0.5),
     "rotor_inertia": (1e-9, 0.1),
 }
 _LONGEST_TIME_CONSTANT = 0.05  # L / R [s]; small machines have 0.1 ms to 10 ms
@@ -68,8 +70,12 @@ class PmsmParameters:
         """Refuse what no motor has; see ``_PLAUSIBLE``."""
         for name, (low, high) in _PLAUSIBLE.items():
             check_range(name, getattr(self, name), low, high, MOTOR_UNITS[name])
-        _check_whole("pole_pairs", self.pole_pairs)
-        _check_saturation(self.saturation)
+        if not every(self.pole_pairs % 1 == 0):
+            raise InvalidValueError("pole_pairs", self.pole_pairs, "must be a whole number")
+        if not every(
+            self.saturation < 0.5
+        ):  # beyond, more current gives less torque: a torque has two currents
+            raise InvalidValueError("saturation", self.saturation, "must lie in [0, 0.5)")
         _check_shapes({field.name: getattr(self, field.name) for field in fields(self)})
         _check_units(self)
 
@@ -84,29 +90,14 @@ class PmsmParameters:
         return 1.0 / (math.sqrt(3.0) * self.pole_pairs * self.flux_linkage)
 
 
-class MotorValues(NamedTuple):
-    """The fields of ``PmsmParameters`` without its checks, for motors that change in every step.
+def unchecked(kind: type[T], values: Mapping[str, Array]) -> T:
+    """A motor or a gear of these fields without its checks, which make the host of an accelerator wait.
 
-    The checks would make the host of an accelerator wait for it.
+    For motors that change in every step.
     """
-
-    pole_pairs: Array
-    stator_resistance: Array
-    q_axis_inductance: Array
-    flux_linkage: Array
-    peak_torque: Array
-    saturation: Array
-    rotor_inertia: Array
-
-    @classmethod
-    def of(cls, motor: PmsmParameters) -> MotorValues:
-        """Those of a motor."""
-        return cls(*(getattr(motor, name) for name in cls._fields))
-
-    @property
-    def torque_constant(self) -> Array:
-        """Torque per ampere of q-axis current, ``1.5 N psi`` [N m/A]."""
-        return 1.5 * self.pole_pairs * self.flux_linkage
+    made = object.__new__(kind)
+    vars(made).update(values)
+    return made
 
 
 def stack_motors(motors: Sequence[PmsmParameters]) -> PmsmParameters:
@@ -133,20 +124,6 @@ def single(parts: Any, index: int = 0) -> Any:
     )
 
 
-def _check_whole(name: str, value: Any) -> None:
-    remainder = value % 1
-    if not bool((remainder == 0).all() if hasattr(remainder, "all") else remainder == 0):
-        raise InvalidValueError(name, value, "must be a whole number")
-
-
-def _check_saturation(value: Any) -> None:
-    """Beyond 0.5 more current would give less torque, so that a torque had two currents."""
-    check_range("saturation", value, 0.0, 0.5)
-    below = value < 0.5
-    if not bool(below.all() if hasattr(below, "all") else below):
-        raise InvalidValueError("saturation", value, "must lie in [0, 0.5)")
-
-
 def _check_shapes(values: Mapping[str, Any]) -> None:
     shapes: dict[str, tuple[int, ...]] = {
         name: tuple(getattr(value, "shape", ())) for name, value in values.items()
@@ -162,35 +139,15 @@ def _check_shapes(values: Mapping[str, Any]) -> None:
 
 def _check_units(motor: PmsmParameters) -> None:
     """Refuse numbers that are possible alone but not together: most often a wrong prefix."""
-    _, values = as_arrays(
+    _, (resistance, inductance, constant, peak) = as_arrays(
         motor.stator_resistance, motor.q_axis_inductance, motor.torque_constant, motor.peak_torque
     )
-    resistance, inductance, torque_constant, peak_torque = values
-    current = peak_torque / torque_constant
-    _check_most(
-        "q_axis_inductance",
-        motor.q_axis_inductance,
-        inductance / resistance,
-        _LONGEST_TIME_CONSTANT,
-        "L / R is {:.3g} s, at most {:g} s is plausible: give henry and ohm",
-    )
-    _check_most(
-        "peak_torque",
-        motor.peak_torque,
-        current,
-        _LARGEST_PEAK_CURRENT,
-        "the peak current would be {:.3g} A, at most {:g} A is plausible: give N m, and the flux in weber",
-    )
-    _check_most(
-        "stator_resistance",
-        motor.stator_resistance,
-        current * resistance,
-        _LARGEST_RESISTIVE_DROP,
-        "R x peak current is {:.3g} V, at most {:g} V is plausible: give the resistance in ohm",
-    )
-
-
-def _check_most(name: str, value: Any, derived: Any, most: float, allowed: str) -> None:
-    worst = float(derived.max()) if hasattr(derived, "max") else float(derived)
-    if worst > most:
-        raise InvalidValueError(name, value, allowed.format(worst, most))
+    current, unit = peak / constant, "at most {:g} {} is plausible: give henry, ohm, weber and N m"
+    for name, derived, most, said in (
+        ("q_axis_inductance", inductance / resistance, _LONGEST_TIME_CONSTANT, "L / R is {:.3g} s"),
+        ("peak_torque", current, _LARGEST_PEAK_CURRENT, "the peak current would be {:.3g} A"),
+        ("stator_resistance", current * resistance, _LARGEST_RESISTIVE_DROP, "R x peak current is {:.3g} V"),
+    ):
+        if (worst := float(derived.max())) > most:
+            allowed = f"{said.format(worst)}, {unit.format(most, said[-1])}"
+            raise InvalidValueError(name, getattr(motor, name), allowed)

@@ -8,13 +8,7 @@ from sprintlab.motors.saturation import saturate
 
 
 def copper_loss(motor: PmsmParameters, motor_torque: Array, direct_current: Array = 0.0) -> Array:
-    """Heat in the windings, ``1.5 R (i_d^2 + i_q^2)`` [W].
-
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``motor_torque``.
-        motor_torque: torque that the q-axis current stands for, before saturation [N m].
-        direct_current: i_d of flux weakening [A], broadcasts with ``motor_torque``.
-    """
+    """Heat in the windings, ``1.5 R (i_d^2 + i_q^2)`` [W], for an i_d ``direct_current`` [A]."""
     _, (torque, direct, resistance, constant) = as_arrays(
         motor_torque, direct_current, motor.stator_resistance, motor.torque_constant
     )
@@ -29,12 +23,6 @@ def electrical_power(
     Shaft power and copper loss, ``tau_out omega + 1.5 R (i_d^2 + i_q^2)``: the reactances exchange power
     between the axes only. A saturated motor has less torque for a current and, by the same flux, less
     back-EMF for a speed: it makes no energy and takes none, driving or braking.
-
-    Args:
-        motor: parameters, numbers or arrays that broadcast with ``motor_torque``.
-        motor_torque: torque that the q-axis current stands for, before saturation [N m].
-        speed: mechanical motor speed [rad/s], broadcasts with ``motor_torque``.
-        direct_current: i_d of flux weakening [A], broadcasts with ``motor_torque``.
     """
     _, (torque, speed) = as_arrays(motor_torque, speed)
     return saturate(motor, torque) * speed + copper_loss(motor, torque, direct_current)

@@ -7,8 +7,6 @@ fast form here is computed by the general law.
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from sprintlab.core.array_types import FloatArray
@@ -17,7 +15,7 @@ from sprintlab.motors.drive import DriveOutput
 from sprintlab.motors.envelope import MOTOR_MODELS, MotorModel, torque_limits
 from sprintlab.motors.flux_weakening import weakening_current
 from sprintlab.motors.gear import TURNING_SPEED, Gear
-from sprintlab.motors.parameters import MotorValues, PmsmParameters
+from sprintlab.motors.parameters import PmsmParameters, unchecked
 from sprintlab.motors.thermal import WindingHeat, flux_factor, heated_motor, resistance_factor
 from sprintlab.motors.voltage import phase_voltage_limit
 
@@ -77,8 +75,7 @@ class PreparedDrive:
         self._limit = np.minimum(self._peak, self._torque_constant * current)
         self._least = -self._limit
         if self._general:
-            limited = MotorValues.of(self._warm_motors)._replace(peak_torque=self._limit)
-            self._motors = cast("PmsmParameters", limited)
+            self._motors = unchecked(PmsmParameters, {**vars(self._warm_motors), "peak_torque": self._limit})
 
     def _set_windings(
         self, resistance: FloatArray, flux_linkage: FloatArray, peak_torque: FloatArray

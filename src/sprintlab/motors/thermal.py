@@ -17,7 +17,6 @@ from cold reaches 1 after ``T ln(k^2 / (k^2 - 1))``: so a peak duration, as data
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
@@ -25,16 +24,13 @@ from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.drive import DriveOutput, drive_torque
 from sprintlab.motors.envelope import MotorModel
 from sprintlab.motors.gear import Gear
-from sprintlab.motors.parameters import MotorValues, PmsmParameters
+from sprintlab.motors.parameters import PmsmParameters, unchecked
 
 COPPER_COEFFICIENT = 0.00393
 """Relative rise of copper's resistance per kelvin, of its value at 20 degrees Celsius [1/K] (IEC 60028)."""
 
 _COPPER_REFERENCE = 20.0  # [degC]
-_LEAST_RESISTANCE = (
-    0.1  # floors of the factors, far outside any motor's life, so that nothing divides by zero
-)
-_LEAST_FLUX = 0.05
+_LEAST_RESISTANCE, _LEAST_FLUX = 0.1, 0.05  # of the factors, beyond any motor's life: nothing divides by zero
 _CAPACITIES, _RESISTANCES = (1e-3, 1e9), (1e-6, 1e6)  # [J/K], [K/W]: beyond, arithmetic ends
 
 
@@ -104,19 +100,9 @@ class HousedHeat(WindingHeat):
 def warmed_with_housing(
     heat: HousedHeat, winding: Array, housing: Array, copper_loss: Array, duration: float
 ) -> tuple[Array, Array]:
-    """Temperatures of winding and housing after a constant loss has heated them for a duration.
+    """Winding and housing [degC] after a constant loss [W] has heated them for a duration [s].
 
     The exact solution by the two real time constants of the pair: stable for any duration.
-
-    Args:
-        heat: the thermal side, numbers or arrays that broadcast with the temperatures.
-        winding: temperature before [degC].
-        housing: temperature before [degC].
-        copper_loss: [W].
-        duration: [s].
-
-    Returns:
-        Winding and housing [degC], in the broadcast shape.
     """
     xp, values = as_arrays(
         winding,
@@ -133,11 +119,8 @@ def warmed_with_housing(
     winding_end = housing_end + inner * loss
     above, below = winding - winding_end, housing - housing_end
     # d(above)/dt = -a (above - below), d(below)/dt = b (above - below) - c below
-    a, b, c = (
-        1.0 / (inner * winding_capacity),
-        1.0 / (inner * housing_capacity),
-        1.0 / (outer * housing_capacity),
-    )
+    a, b = 1.0 / (inner * winding_capacity), 1.0 / (inner * housing_capacity)
+    c = 1.0 / (outer * housing_capacity)
     fast = 0.5 * (a + b + c + xp.sqrt((a - b - c) ** 2 + 4.0 * a * b))  # rates [1/s]
     slow = a * c / fast
     fast_left, slow_left = xp.exp(-fast * duration), xp.exp(-slow * duration)
@@ -148,18 +131,9 @@ def warmed_with_housing(
 
 
 def warmed(heat: WindingHeat, temperature: Array, copper_loss: Array, duration: float) -> Array:
-    """Temperature of the winding after a constant loss has heated it for a duration.
+    """Temperature of the winding [degC] after a constant loss [W] has heated it for a duration [s].
 
     The exact solution, ``T_end + (T - T_end) exp(-t / (R_th C))``: stable for any duration.
-
-    Args:
-        heat: the thermal side, numbers or arrays that broadcast with ``temperature``.
-        temperature: temperature of the winding before [degC].
-        copper_loss: [W], broadcasts with ``temperature``.
-        duration: [s].
-
-    Returns:
-        [degC], in the broadcast shape.
     """
     xp, (temperature, loss, resistance, capacity, ambient) = as_arrays(
         temperature, copper_loss, heat.thermal_resistance, heat.heat_capacity, heat.ambient_temperature
@@ -191,12 +165,9 @@ def flux_factor(heat: WindingHeat, temperature: Array) -> Array:
 
 
 def heated_motor(motor: PmsmParameters, heat: WindingHeat, temperature: Array) -> PmsmParameters:
-    """The motor as it is with a winding at ``temperature`` [degC].
+    """The motor with a winding at ``temperature`` [degC]; ``InvalidValueError`` where that cannot be.
 
     The current limit stays, so that the peak torque falls with the flux.
-
-    Raises:
-        InvalidValueError: no motor could be that hot; see ``PmsmParameters``.
     """
     flux = flux_factor(heat, temperature)
     return replace(
@@ -258,23 +229,16 @@ def i2t_time_constant(limit: I2tLimit, motor: PmsmParameters) -> Array:
 
 
 def i2t_decay(limit: I2tLimit, motor: PmsmParameters, duration: float) -> Array:
-    """Share of the level that is left after ``duration`` [s] without current [-]; as ``i2t_time_constant``.
-
-    Raises:
-        InvalidValueError: see ``i2t_time_constant``; or the duration is not positive.
-    """
+    """Share of the level that is left after ``duration`` [s] without current; raises as its time constant."""
     check_positive("duration", duration, "s")
     xp, (time_constant,) = as_arrays(i2t_time_constant(limit, motor))
     return xp.exp(-duration / time_constant)
 
 
 def i2t_current(continuous_current: Array, level: Array, decay: Array) -> Array:
-    """Greatest constant current after which the level is at most 1 [A]; far above any peak while it is low.
+    """Greatest constant current after which the level U is at most 1 [A]; far above any peak while it is low.
 
-    Args:
-        continuous_current: i_c [A].
-        level: U now [-], in [0, 1].
-        decay: decay over the time for which the current flows, ``i2t_decay`` [-].
+    ``decay`` is that over the time for which the current flows (``i2t_decay``).
     """
     xp, (continuous, level, decay) = as_arrays(continuous_current, level, decay)
     room = (1.0 - level * decay) / (1.0 - decay)
@@ -282,14 +246,7 @@ def i2t_current(continuous_current: Array, level: Array, decay: Array) -> Array:
 
 
 def i2t_level(continuous_current: Array, level: Array, squared_current: Array, decay: Array) -> Array:
-    """The level after a constant current has flowed [-]: the exact solution, for a step of any length.
-
-    Args:
-        continuous_current: i_c [A].
-        level: before [-].
-        squared_current: ``i_d^2 + i_q^2`` [A^2].
-        decay: decay over the time for which it flowed, ``i2t_decay`` [-].
-    """
+    """The level after a constant ``i_d^2 + i_q^2`` [A^2] has flowed: exact for a step of any length."""
     xp, (continuous, level, squared, decay) = as_arrays(continuous_current, level, squared_current, decay)
     end = squared / continuous**2
     return xp.minimum(end + (level - end) * decay, xp.ones_like(end))
@@ -314,32 +271,25 @@ def i2t_drive(
     bus_voltage: Array,
     model: MotorModel = "refined",
 ) -> tuple[DriveOutput, Array]:
-    """One step of ``drive_torque`` with I²t; the caller keeps the level, zero for a cold drive.
+    """One step of ``drive_torque`` with I²t; the caller keeps the level U, zero for a cold drive.
 
     Args:
-        motor: parameters, numbers or arrays.
-        gear: ratio and efficiency, likewise.
+        motor, gear, desired_joint_torque, joint_velocity, bus_voltage, model: as of ``drive_torque``.
         continuous_current: i_c [A].
         level: U before the step [-].
         decay: decay over the step, ``i2t_decay`` [-].
-        desired_joint_torque: wanted torque on the joint [N m].
-        joint_velocity: [rad/s].
-        bus_voltage: DC bus [V].
-        model: one of ``MOTOR_MODELS``.
 
     Returns:
         What the drive gives, and the level after the step.
-
-    Raises:
-        InvalidValueError: see ``drive_torque``.
     """
     xp, (peak, constant, saturation, level) = as_arrays(
         motor.peak_torque, motor.torque_constant, motor.saturation, level
     )
     allowed = xp.minimum(peak, constant * i2t_current(continuous_current, level, decay))
     # The iron saturates by the current, wherever its limit stands.
-    limited = MotorValues.of(motor)._replace(peak_torque=allowed, saturation=saturation * (allowed / peak))
-    output = drive_torque(
-        cast("PmsmParameters", limited), gear, desired_joint_torque, joint_velocity, bus_voltage, model
+    limited = unchecked(
+        PmsmParameters,
+        {**vars(motor), "peak_torque": allowed, "saturation": saturation * (allowed / peak)},
     )
+    output = drive_torque(limited, gear, desired_joint_torque, joint_velocity, bus_voltage, model)
     return output, i2t_level(continuous_current, level, squared_current(motor, output), decay)

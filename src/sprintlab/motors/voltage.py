@@ -17,18 +17,11 @@ def check_bus_voltage(bus_voltage: float) -> None:
 
 
 def phase_voltage_limit(bus_voltage: Array, utilization: float = VOLTAGE_UTILIZATION) -> Array:
-    """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` (linear space-vector modulation).
+    """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` [V] (linear space-vector modulation).
 
     Args:
-        bus_voltage: DC bus [V], a number or an array of any shape; not negative.
-        utilization: gamma in (0, 1] [-].
-
-    Returns:
-        The amplitude [V], shaped like ``bus_voltage``.
-
-    Raises:
-        InvalidValueError: a Python number is negative, or ``utilization`` lies outside [0, 1]. Arrays are
-            not looked into: that would make the host wait for the device.
+        bus_voltage: DC bus [V], not negative; arrays are not checked: the host would wait for the device.
+        utilization: gamma in [0, 1] [-].
     """
     check_range("utilization", utilization, 0.0, 1.0)
     if isinstance(bus_voltage, int | float):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -26,18 +26,18 @@ from sprintlab.motors import (
     Gear,
     I2tLimit,
     MotorModel,
-    MotorValues,
     PmsmParameters,
     drive_torque,
     i2t_decay,
     i2t_drive,
     i2t_time_constant,
     phase_voltage_limit,
+    unchecked,
 )
+from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots import JointMotors
 
-_MOTOR_FIELDS = MotorValues._fields
-_OWN_PARAMETERS = (*_MOTOR_FIELDS, "gear_ratio", "gear_efficiency", "bus_voltage")
+_OWN_PARAMETERS = (*MOTOR_UNITS, "gear_ratio", "gear_efficiency", "bus_voltage")
 _I2T_PARAMETERS = ("continuous_current", "i2t_level", "i2t_decay")  # in the order of ``i2t_drive``
 
 
@@ -94,8 +94,8 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
         """Torque on the joints [N m] ``(environments, joints)``: the PD torque through ``drive_torque``."""
         limit = params["force_limit"]
         desired = torch.clamp(pd_torque(params["stiffness"], params["damping"], cmd), -limit, limit)
-        motor = cast("PmsmParameters", MotorValues(*(params[name] for name in _MOTOR_FIELDS)))
-        gear = cast("Gear", _GearTensors(params["gear_ratio"], params["gear_efficiency"]))
+        motor = unchecked(PmsmParameters, {name: params[name] for name in MOTOR_UNITS})
+        gear = unchecked(Gear, {"ratio": params["gear_ratio"], "efficiency": params["gear_efficiency"]})
         asked = (desired, cmd.vel, params["bus_voltage"], cls.model)
         if not cls.limited:
             return drive_torque(motor, gear, *asked).torque
@@ -123,7 +123,7 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
                 values["peak_torque"] * values["gear_ratio"]
             )
         if self.cfg.i2t is not None:
-            motor = cast("PmsmParameters", MotorValues(*(values[name] for name in _MOTOR_FIELDS)))
+            motor = unchecked(PmsmParameters, {name: values[name] for name in MOTOR_UNITS})
             values["continuous_current"] = self.cfg.i2t.continuous_current
             values["i2t_decay"] = i2t_decay(self.cfg.i2t, motor, mj_model.opt.timestep)
             values["i2t_level"] = 0.0
@@ -140,13 +140,6 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
     def set_bus_voltage(self, env_ids: torch.Tensor | slice, voltage: torch.Tensor) -> None:
         """Set the bus voltage [V] of some environments; ``voltage`` is ``(environments,)`` or with joints."""
         self.bus_voltage[env_ids] = voltage.unsqueeze(-1) if voltage.ndim == 1 else voltage
-
-
-class _GearTensors(NamedTuple):
-    """``Gear`` without its checks."""
-
-    ratio: torch.Tensor
-    efficiency: torch.Tensor
 
 
 def actuator_type(model: MotorModel, limited: bool = False) -> type[PmsmActuator]:
