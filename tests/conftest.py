@@ -121,12 +121,6 @@ def light_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def short_replay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A policy is compared over a fifth of a second when it is exported, not over four."""
-    monkeypatch.setattr("sprintlab.training.runs.observed_run._SECONDS", 0.2)
-
-
-@pytest.fixture
 def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop in this process locks none: all that was ever imported or mapped would become resident."""
     monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: False)

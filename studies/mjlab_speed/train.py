@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from sprintlab.robots import robot_motors
-from sprintlab.training.runs.sweep import visible_gpus
 
 ACTUATORS = ("stock", "data-sheet", "refined")
 STAGES = ((0.0, 1.5), (0.1, 2.0), (0.2, 3.0), (0.35, 4.0), (0.5, 5.0), (0.65, 6.0))
@@ -140,7 +139,9 @@ def run_all(given: argparse.Namespace) -> None:
     until = time.time() + 60.0 * given.minutes
     runs = list(itertools.product(given.seeds, given.actuators))
     left = [run for run in runs if not (folder_of(given, *run) / "policy.npz").exists()]
-    gpus = [str(number) for number in visible_gpus()] or [""]
+    import torch
+
+    gpus = [str(number) for number in range(torch.cuda.device_count())] or [""]
     going: list[tuple[subprocess.Popen[bytes], str]] = []
     while left or going:
         going = [(process, gpu) for process, gpu in going if process.poll() is None]

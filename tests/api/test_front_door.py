@@ -93,7 +93,7 @@ TINY = {
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials", "short_replay", "blank_pictures")
+@pytest.mark.usefixtures("brief_trials", "blank_pictures")
 def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch")
     text = SCRIPT

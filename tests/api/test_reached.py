@@ -38,9 +38,9 @@ def test_a_training_that_does_not_run_says_so_and_how_to_go_on(tmp_path: Path, m
 
     folder = tmp_path / "my run"
     folder.mkdir()
-    (folder / "log.jsonl").write_text(json.dumps({"speed_p95": 1.0}) + "\n")
+    (folder / "log.jsonl").write_text(json.dumps({"speed_p95": 1.0, "seconds": 420.0}) + "\n")
     monkeypatch.setattr(reached, "reached_speed", refuse)
     said, following = what_was_reached(folder, "bp2")
     assert said == "the policy does not run"
     words = shlex.split(str(following).removeprefix("next: "))
-    assert words == ["sprintlab", "train", "--resume", "--output", str(folder)]
+    assert words == ["sprintlab", "train", "--resume", "--minutes", "14", "--output", str(folder)]

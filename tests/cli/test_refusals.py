@@ -195,7 +195,7 @@ def test_doctor_imports_nothing_that_takes_long(tmp_path):
 
 @pytest.mark.parametrize(
     ("command", "package", "extra"),
-    [("train bp2", "torch", "train"), ("sweep runs", "submitit", "sweep"), ("play", "viser", "play")],
+    [("train bp2", "torch", "train"), ("sweep runs", "torch", "train"), ("play", "viser", "play")],
 )
 def test_without_its_extra_a_command_says_how_to_install_it(
     call, monkeypatch, tmp_path, command, package, extra

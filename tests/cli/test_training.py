@@ -7,7 +7,6 @@ import json
 import pytest
 
 import sprintlab as sl
-from sprintlab.core.files import atomic_write_json
 from sprintlab.training.settings_text import settings_toml
 
 
@@ -72,24 +71,20 @@ def test_a_sweep_trains_all_methods_and_combinations(call, tmp_path):
     assert not tmp_path.joinpath("baseline").exists()
     options = ("--methods", "acs", "--seeds", 1, "--vary", "ppo.steps=8,16", "--vary", "ppo.epochs=3,5")
     rows = listed(call, tmp_path, *options, "--set", "ppo.discount=0.98")
-    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 acs 0"
-    assert len({row["hash"] for row in rows}) == 4
+    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 acs 0" and len(rows) == 4
+    assert rows[0]["command"].startswith("sprintlab train bp2 --method acs --seed 0 --set ppo.discount=0.98")
 
 
 def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
-    pytest.importorskip("submitit")
     pytest.importorskip("torch")
-    from sprintlab.training.runs.sweep_plan import plan_sweep
-
-    limits = {"minutes": 7.0, "iterations": 30_000, "environments": 32768, "save_seconds": 60.0}
-    for plan in plan_sweep(tmp_path, ("acs",), (0,), {}, {}, device="auto", **limits):
-        atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
-        row = {"iteration": 9, "seconds": 60.0, "steps_per_second": 5, "speed_p999": 3.25, "falls": 0.002}
-        (plan.folder / "log.jsonl").write_text(json.dumps(row) + "\n")
+    folder = tmp_path / "acs" / "seed-0"
+    folder.mkdir(parents=True)
+    (folder / "policy.onnx").write_text("trained")
+    row = {"iteration": 9, "seconds": 60.0, "speed_p999": 3.25, "falls": 0.002}
+    (folder / "log.jsonl").write_text(json.dumps(row) + "\n")
     options = (tmp_path, "--methods", "acs", "--seeds", 1)
     assert listed(call, *options)[0]["done"] is True
     table = call("sweep", *options)
-    assert table.status == 0
-    assert "finished" in table.out and "3.25" in table.out and "2.00" in table.out
-    summary = json.loads(call("sweep", *options, "--json").out)
-    assert (summary[0]["state"], summary[0]["share"], summary[0]["last"]["iteration"]) == ("finished", 1.0, 9)
+    assert table.status == 0 and "finished" in table.out and "3.25" in table.out
+    (summary,) = json.loads(call("sweep", *options, "--json").out)
+    assert (summary["state"], summary["last"]["iteration"]) == ("finished", 9)

@@ -152,7 +152,7 @@ def _training():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials", "short_replay")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
     names = example("A command schedule")
     monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
@@ -161,7 +161,7 @@ def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path, monk
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials", "short_replay")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
     _training()
     names = example("A reward term")
@@ -173,7 +173,7 @@ def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials", "short_replay")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_robot_of_ones_own_trains_exports_and_races(example, tmp_path):
     example("A robot")
     result, kept = _through(_training()(robot="longshank"), tmp_path)

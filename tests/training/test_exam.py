@@ -16,6 +16,7 @@ from sprintlab.training import exam as exam_module
 from sprintlab.training.exam import GROUPS, LIMITS, Exam, GroupResult
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.runs.checkpoint import read_checkpoint
+from sprintlab.training.runs.options import RunLength
 from sprintlab.training.runs.runner import BestExam, Runner
 from sprintlab.training.settings import ExamSettings
 
@@ -137,8 +138,6 @@ def test_faster_beats_and_as_fast_must_be_cheaper() -> None:
 
 
 def test_a_hopeless_run_ends_in_its_second_half() -> None:
-    from sprintlab.training.runs.runner import RunLength
-
     runner = Runner(replace(SETTINGS, exam=ExamSettings(interval=1, hopeless=3.0)), "cpu", "test")
     runner.begin(RunLength(iterations=4))
     ended = [(runner.iterate(), runner.hopeless)[1] for _ in range(3)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.machinery
 import json
-import math
 import sys
 import types
 from dataclasses import replace
@@ -22,8 +21,8 @@ from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
-from sprintlab.training.runs.figures import grid_figure, learning_figures, robot_speeds, speed_figure
-from sprintlab.training.runs.progress import Board, clock, time_to_go
+from sprintlab.training.runs.figures import grid_figure, learning_figures
+from sprintlab.training.runs.progress import Board
 from sprintlab.training.runs.run import TrainOptions, train
 from sprintlab.training.runs.runner import Runner
 
@@ -35,31 +34,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("run")
     options = TrainOptions(
-        output=folder, environments=8, iterations=3, device="cpu", figures=True, keep_robots=True,
-        settings=TINY,
+        output=folder, environments=8, iterations=3, device="cpu", settings=TINY,
     )  # fmt: skip
     train(options)
     return folder
 
 
-def test_pictures_and_curves_are_there(folder: Path) -> None:
-    for name in ("learning", "curriculum", "speeds"):
-        picture = matplotlib.image.imread(folder / f"{name}.png")
-        assert picture.shape[0] > 400 and picture.shape[1] > 500
-        assert picture[..., :3].std() > 0.02, "an empty picture"
+def test_curves_are_there(folder: Path) -> None:
     events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
     events.Reload()
     assert {"run/speed_p999", "run/grid_open", "run/falls", "loss/value"} <= set(events.Tags()["scalars"])
-
-
-def test_numbers_and_pictures_are_of_one_checkpoint(folder: Path, tmp_path: Path) -> None:
-    """A run that goes on replaces it in between; here it is gone."""
-    copy = tmp_path / "checkpoint.pt"
-    copy.write_bytes((folder / "checkpoint.pt").read_bytes())
-    found = sl.learning(copy, progress=lambda what, share: copy.unlink() if what == "drawing" else None)
-    assert found.numbers["iterations"] == 3
-    names = {Path(path).name for path in found.numbers["figures"]}
-    assert names == {"learning.png", "curriculum.png", "speeds.png"}
 
 
 def test_numbers_that_are_none_are_null(folder: Path, tmp_path: Path, capsys) -> None:
@@ -75,7 +59,11 @@ def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path,
     assert main(["learning", str(folder), "--output", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["iterations"], said["environment_steps"], said["broken_physics"]) == (3, 3 * 2 * 8, 0)
-    assert said["figures"] == [str(tmp_path / f"{n}.png") for n in ("learning", "curriculum", "speeds")]
+    assert said["figures"] == [str(tmp_path / f"{n}.png") for n in ("learning", "curriculum")]
+    for name in said["figures"]:
+        picture = matplotlib.image.imread(name)
+        assert picture.shape[0] > 400 and picture.shape[1] > 500
+        assert picture[..., :3].std() > 0.02, "an empty picture"
     found = sl.learning(folder, output=tmp_path)
     assert found.to_dict() == said
     assert "environment steps" in str(found) and str(folder / "checkpoint.pt") in str(found)
@@ -83,29 +71,10 @@ def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path,
     assert "no such file" in capsys.readouterr().err
 
 
-def changed(state: dict, path: str, value: object) -> None:
-    *above, last = path.split("/")
-    for name in above:
-        state = state[name]
-    state[last] = value
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("growth", None),
-        ("grid_weights", torch.zeros(4)),
-        ("environment", [1, 2]),
-        ("environment/running_speed", torch.full((8,), float("nan"))),
-        ("others", 5),
-    ],
-)
-def test_numbers_that_no_run_has_are_refused_in_a_sentence(
-    folder: Path, tmp_path: Path, capsys, path: str, value: object
-) -> None:
-    state = read_checkpoint(folder / "checkpoint.pt")
-    changed(state, path, value)
-    write_checkpoint(state, tmp_path / "checkpoint.pt")
+def test_numbers_that_no_run_has_are_refused_in_a_sentence(folder: Path, tmp_path: Path, capsys) -> None:
+    write_checkpoint(
+        {**read_checkpoint(folder / "checkpoint.pt"), "growth": None}, tmp_path / "checkpoint.pt"
+    )
     assert main(["learning", str(tmp_path)]) == 2
     complaint = capsys.readouterr().err
     assert complaint.startswith("sprintlab: ") and complaint.count("\n") == 1
@@ -115,27 +84,17 @@ def test_the_grid_is_drawn_as_it_is() -> None:
     grid = CommandGrid()
     weights = np.zeros((grid.rows, grid.yaw_bins))
     weights[:8] = 0.5
-    axes = grid_figure(grid, weights, {"upper": 3.0}).axes[0]
+    axes = grid_figure(grid, weights, 3.0).axes[0]
     np.testing.assert_array_equal(axes.images[0].get_array(), weights)
     assert axes.get_ylim() == grid.speed
     assert axes.lines[0].get_ydata()[0] == 3.0
     assert axes.get_title(loc="left").startswith("25 %")
 
 
-def test_the_histogram_counts_every_robot_of_every_process(folder: Path) -> None:
-    state = read_checkpoint(folder / "checkpoint.pt")
-    running, _ = robot_speeds({**state, "others": [state, state]})
-    assert len(running) == 24
-    figure = speed_figure(np.array([0.1, 0.2, 3.0]), np.array([1.0, 1.0, -0.4]))
-    assert sum(patch.get_height() for patch in figure.axes[0].patches[:-1]) == 3
-    assert robot_speeds({"environment": None}) is None
-
-
-def test_a_schedule_without_grid_and_a_checkpoint_without_robots_have_fewer_pictures(tmp_path: Path) -> None:
+def test_a_schedule_without_grid_has_one_picture_less(tmp_path: Path) -> None:
     runner = Runner(replace(TINY, schedule=UniformSchedule()), "cpu", "plain")
     runner.iterate()
-    runner.save(tmp_path / "checkpoint.pt", with_robots=False)
-    assert [path.name for path in learning_figures(tmp_path / "checkpoint.pt", tmp_path)] == ["learning.png"]
+    assert [path.name for path in learning_figures(runner.state(), tmp_path)] == ["learning.png"]
 
 
 def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
@@ -166,7 +125,7 @@ def test_curves_that_the_disk_refuses_stop_training_with_one_sentence(tmp_path: 
 
     monkeypatch.setattr(board._writer, "add_scalar", full)
     monkeypatch.setattr(board._writer, "close", full)
-    with pytest.raises(SprintlabError, match=r"stopped at iteration 7.*No space left on device"):
+    with pytest.raises(SprintlabError, match="No space left on device"):
         board.add({"iteration": 7.0, "speed": 1.0})
     board.close()
 
@@ -191,11 +150,3 @@ def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypat
     assert calls[0]["config"]["ppo"]["steps"] == 2
     with pytest.raises(SprintlabError, match="without tensorboard"):
         replace(options, tensorboard=False)
-
-
-def test_time_to_go_follows_what_ends_first() -> None:
-    assert time_to_go(50, 100, 0, elapsed=10.0, allowed=100.0) == pytest.approx(10.0)
-    assert time_to_go(50, 100, 0, elapsed=10.0, allowed=12.0) == pytest.approx(2.0)
-    assert time_to_go(60, 100, 50, elapsed=10.0, allowed=1e9) == pytest.approx(40.0)  # resumed at 50
-    assert time_to_go(10, math.inf, 0, elapsed=10.0, allowed=60.0) == 50.0
-    assert (clock(5), clock(125), clock(3723)) == ("0:05", "2:05", "1:02:03")

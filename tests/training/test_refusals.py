@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError, UnwrittenError
 from sprintlab.training.environment.randomization import friction
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs import run as run_module
@@ -26,7 +26,6 @@ from sprintlab.training.terms import drawn
         (["--device", "cuda:99"], "cuda:99"),
         (["--set", "ppo.stepps=3"], "did you mean ppo.steps?"),
         (["--settings", "nowhere.toml"], "cannot read settings nowhere.toml"),
-        (["--resume"], "there is nothing to resume"),
     ],
 )
 def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
@@ -74,7 +73,7 @@ def test_a_milestone_has_no_learning_curve(tmp_path, capsys):
 
 def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, monkeypatch, capsys):
     def full(*_arguments):
-        raise SprintlabError("No space left on device")
+        raise UnwrittenError("No space left on device")
 
     monkeypatch.setattr("sprintlab.training.runs.checkpoint.atomic_write_bytes", full)
     few = ["--set", "simulation.environments=2", "--iterations", "1", "--device", "cpu", "--plain"]

@@ -33,7 +33,7 @@ def row() -> dict[str, float]:
 def printed(row: dict[str, float], height: int) -> str:
     console = Console(width=80, file=io.StringIO(), force_terminal=False)
     exam = {name: value for name, value in row.items() if name.startswith("exam/") or name == "iteration"}
-    console.print(screen("bp2, method sprint", row, exam, 10.0, 50.0, height))
+    console.print(screen("bp2, method sprint", row, exam, 0.2, 50.0, height))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -67,11 +67,11 @@ def test_the_length_of_ended_episodes_is_counted() -> None:
 
 
 def test_without_a_terminal_lines_come_now_and_then(row: dict[str, float], capsys) -> None:
-    with progress.Reporter(title="", iterations=9, seconds=9.0, started_at=0, board=None) as reporter:
+    with progress.Reporter("", 0.0, None) as reporter:
         without = {name: value for name, value in row.items() if not name.startswith("exam/")}
         for iteration in (1.0, 2.0, 3.0):
-            reporter.show({**without, "iteration": iteration})
-        reporter.show({**row, "iteration": 4.0})
+            reporter.show({**without, "iteration": iteration}, 0.1 * iteration)
+        reporter.show({**row, "iteration": 4.0}, 0.4)
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == ["iteration 1", "exam at iteration 4", "iteration 4"]
     assert "left" in lines[0] and "limits failed" in lines[1]

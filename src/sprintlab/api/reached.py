@@ -33,7 +33,8 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
     from sprintlab.evaluation.reached import reached_speed
     from sprintlab.robots import load_robot
 
-    policy, speed = folder / "policy.onnx", asked_speed(read_rows(folder / "log.jsonl", _LOG_LIMIT))
+    log, policy = read_rows(folder / "log.jsonl", _LOG_LIMIT), folder / "policy.onnx"
+    speed = asked_speed(log)
     try:
         found = reached_speed(policy, load_robot(robot), speed)
     except SimulationError as error:
@@ -42,7 +43,8 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
         return
     except SprintlabError as error:
         yield str(error)
-        yield f"next: sprintlab train --resume --output {shlex.quote(str(folder))}"
+        longer = f"--minutes {max(1.0, log[-1]['seconds'] / 30.0):.0f}"
+        yield f"next: sprintlab train --resume {longer} --output {shlex.quote(str(folder))}"
         return
     yield from _told(found)
     yield f"next: sprintlab race {shlex.quote(str(policy))} --top-speed {found.speed.top_speed:g}"

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
 from sprintlab.api.reached import what_was_reached
 from sprintlab.api.results import (
     Drawn,
@@ -21,7 +19,7 @@ from sprintlab.api.results import (
     table,
 )  # fmt: skip
 from sprintlab.core.arguments import check_kind, checked
-from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable, check_writable_file
@@ -32,8 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.control.pace import PaceContract
-    from sprintlab.training.runs.sweep import RunStatus
-    from sprintlab.training.runs.sweep_plan import RunPlan
+    from sprintlab.training.runs.sweep import SweptRun
     from sprintlab.training.settings import TrainingSettings
 
 _LOG_LIMIT = 64 << 20
@@ -162,11 +159,9 @@ def train(
     dry_run: bool = False,
     save_seconds: float = 60.0,
     milestones: float | None = None,
-    keep_robots: bool = False,
     fused: bool = True,
     plain: bool = False,
     wandb: str | None = None,
-    figures: bool = False,
 ) -> Training:
     """Train a policy for a robot until the time or the iterations are used up, and export it.
 
@@ -178,8 +173,8 @@ def train(
             no-saturation; after other papers: rlvrl, lp-acrl, after-hacl, hound, stride-prior.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         seed: of every random generator; that of the settings, or 0, when left out.
-        minutes: stop after this much time in this session; without minutes and iterations after 7 on a GPU,
-            60 on a CPU.
+        minutes: end the run after this much training time, over all sessions; without minutes and iterations
+            after 7 on a GPU, 60 on a CPU.
         iterations: stop at this iteration of the run; at most 30,000.
         environments: robots side by side; 32768 on a GPU and 2048, with small networks, on a CPU when left
             out.
@@ -187,17 +182,14 @@ def train(
         settings: TOML file of the settings that differ, such as the run.toml of another run.
         device: cuda:0, cpu or auto.
         output: folder of the run: checkpoint, log, run.toml and, at its end, policy.onnx.
-        resume: go on from the checkpoint in the folder.
+        resume: go on from the checkpoint in the folder, where there is one.
         dry_run: print every setting as a file for --settings, and train nothing.
         save_seconds: time between checkpoints.
         milestones: keep the policy as it is at every multiple of this training time [s], as
             output/milestones/0030.pt and so on.
-        keep_robots: put the state of every robot into the checkpoint (6 kB each): the run can then go on as
-            if it had not stopped.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
         plain: no curves in output/tensorboard.
         wandb: project on Weights & Biases that gets the same curves (needs the extra wandb).
-        figures: at the end, pictures of the learning curve, the curriculum and the speeds in the folder.
 
     Raises:
         SprintlabError: the extra is not installed, or a setting or the folder is refused.
@@ -222,11 +214,9 @@ def train(
         resume=resume,
         save_seconds=save_seconds,
         milestones=milestones,
-        keep_robots=keep_robots,
         fused=fused,
         tensorboard=not plain,
         wandb=wandb,
-        figures=figures,
     )
     if dry_run:
         full = options.full_settings()
@@ -302,7 +292,7 @@ def _training_in(folder: Path, robot: str) -> Training:
 def learning(
     run_folder: Path | str, *, output: Path | str | None = None, progress: Progress = silent
 ) -> Result:
-    """Say how far a training run has come, and draw its curves, curriculum and speeds.
+    """Say how far a training run has come, and draw its curves and curriculum.
 
     It reads the run's checkpoint, also while the run goes on.
 
@@ -325,12 +315,12 @@ def learning(
     check_writable(place / "learning.png")
     from sprintlab.training.runs.figures import learning_figures, learning_numbers
 
-    if "growth" not in state:
+    if "learner" not in state:
         raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
     with refused_as_damaged(checkpoint):
         numbers = learning_numbers(state)
         progress("drawing", None)
-        figures = list(map(str, learning_figures(checkpoint, place, state)))
+        figures = list(map(str, learning_figures(state, place)))
     texts = {
         name: f"{value:.6g}" if isinstance(value, float) else str(value) for name, value in numbers.items()
     }
@@ -383,7 +373,7 @@ def export(
     from sprintlab.training.runs.export import export_checkpoint
 
     made = export_checkpoint(checkpoint, output, pace, turning)
-    compared = f"replayed steps: {made.replayed}, greatest difference {made.difference:.1e}"
+    compared = f"greatest difference from PyTorch: {made.difference:.1e}"
     numbers = {**made._asdict(), "path": str(made.path)}
     return Result(numbers=numbers, shown=[f"policy: {made.path}", compared], found=made)
 
@@ -399,128 +389,99 @@ def _pace(**given: float | None) -> PaceContract | None:
 def sweep(
     output: Path | str,
     *,
+    robot: str | Path = "bp2",
     methods: Sequence[str] = (),
     preset: str = "sprintlab",
     seeds: int = 3,
     set: Sequence[str] = (),
     vary: Sequence[str] = (),
-    minutes: float = 7.0,
-    iterations: int = 30_000,
-    environments: int = 32768,
+    minutes: float | None = None,
+    iterations: int | None = None,
+    environments: int | None = None,
     device: str = "auto",
-    per_gpu: int = 1,
-    gpus: int | None = None,
-    cluster: str = "local",
-    partition: str | None = None,
-    save_seconds: float = 60.0,
+    parallel: int = 1,
     retries: int = 3,
     dry_run: bool = False,
     progress: Progress = silent,
 ) -> Result:
-    """Train methods x seeds x settings, several at a time; start it again and it goes on.
+    """Train methods x seeds x settings, one run on each GPU at a time; start it again and it goes on.
 
-    Every run gets <output>/<method>/seed-<k>/ with checkpoint.pt, log.jsonl, curve.csv, run.json and
-    policy.onnx; with --vary there is a folder of that kind for each combination.
+    Every run gets <output>/<method>/seed-<k>/ with all that a training leaves; with --vary there is a folder
+    of that kind for each combination.
 
     Args:
         output: folder of the sweep.
+        robot: name, folder or table of the robot.
         methods: to train; all six of the paper when left out.
         preset: sprintlab, or paper: the paper's reward table to the letter.
         seeds: number of seeds a method, from 0.
         set: a setting of every run that differs from the default, e.g. ppo.steps=16.
         vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
-        minutes: training time of each run, over all sessions.
-        iterations: at which each run ends, if the time has not ended it.
-        environments: robots side by side in each run.
-        device: of each run: auto, cuda:0 or cpu; every worker sees only the GPU that it was given.
-        per_gpu: trainings that share a GPU, or the CPU of a machine without one; memory must allow it.
-        gpus: GPUs of this machine to use; all when left out.
-        cluster: local: processes of this machine; slurm: jobs with one GPU each.
-        partition: of the Slurm cluster.
-        save_seconds: time between checkpoints: what a lost worker costs at most.
-        retries: how often a run whose worker was lost, or which failed, is started again.
-        dry_run: only say what would be trained.
-        progress: called with how many runs are finished, and the share of the training that is done.
+        minutes: training time of each run; as train has it when left out.
+        iterations: at which each run ends.
+        environments: robots side by side in each run; as train has it when left out.
+        device: auto: all GPUs of this machine, or its CPU; or one of them: cuda:0, cpu.
+        parallel: trainings that share a GPU, or the CPU; memory must allow it.
+        retries: how often a run that failed or was killed is started again.
+        dry_run: print the commands of the runs that are not finished, for a cluster's scheduler.
+        progress: called with how many runs are finished.
 
     Raises:
         SprintlabError: an option is refused, a package is missing, or runs failed; the error's ``found`` then
             says how every run ended.
     """
     from sprintlab.training.methods import METHODS
-    from sprintlab.training.runs.sweep_plan import parse_variations, plan_sweep
-    from sprintlab.training.settings_text import parse_assignment
+    from sprintlab.training.runs.sweep import parse_variations, plan_sweep, train_all, training_devices
 
     check_range("seeds", seeds, 1, 1000)
-    check_choice("cluster", cluster, ("local", "slurm"))
-    plans = plan_sweep(
-        Path(output), tuple(methods) or tuple(METHODS), range(seeds), dict(map(parse_assignment, set)),
-        parse_variations(vary), minutes=minutes, iterations=iterations, environments=environments,
-        device=device, save_seconds=save_seconds, preset=preset,
+    check_range("parallel", parallel, 1, 64)
+    check_range("retries", retries, 0, 1000)
+    runs = plan_sweep(
+        Path(output), robot=_robot_word(robot), methods=tuple(methods) or tuple(METHODS), preset=preset,
+        seeds=range(seeds), fixed=set, varied=parse_variations(vary), minutes=minutes, iterations=iterations,
+        environments=environments, device=None if device == "auto" else device,
     )  # fmt: skip
     if dry_run:
-        return _planned(plans)
-    require_package("submitit", extra="sweep", use="a sweep")
+        return _planned(runs)
     require_training()
-    from sprintlab.training.runs import sweep as runs
+    states = {run.name: "finished" if run.finished else "waiting" for run in runs}
 
-    jobs, most = Path(output) / ".jobs", runs.job_minutes(minutes)
-    if cluster == "slurm":
-        where = runs.SlurmCluster(jobs, per_gpu, most, partition)
-    else:
-        found = [] if device == "cpu" else runs.visible_gpus()
-        if gpus is not None:
-            check_range("gpus", gpus, 1, max(1, len(found)))
-        where = runs.LocalCluster(jobs, per_gpu, found[:gpus], most)
-    training = runs.Sweep(plans, where, retries)
-    seen: dict[str, tuple[str, int]] = {}
-
-    def watch(every: Sequence[RunStatus]) -> None:
-        for run in every:
-            if seen.get(run.plan.name) != (run.state, run.restarts):
-                remark(f"{run.plan.name}: {run.state}, {run.restarts} restarts")
-            seen[run.plan.name] = (run.state, run.restarts)
-        shares = [1.0 if run.state == "finished" else run.plan.share() for run in every]
-        done = sum(run.state == "finished" for run in every)
-        progress(f"{done} of {len(every)} runs finished", sum(shares) / len(shares))
+    def watch(found: Mapping[str, str]) -> None:
+        for name in [name for name in found if found[name] != states[name]]:
+            remark(f"{name}: {found[name]}")
+            states[name] = found[name]
+        done = sum(state == "finished" for state in found.values())
+        progress(f"{done} of {len(runs)} runs finished", done / len(runs))
 
     def result() -> Result:
-        return Result(numbers=runs.summary(training.runs), shown=[_status(training.runs)])
+        return _status(runs, states)
 
     try:
-        training.run(watch)
+        train_all(runs, parallel * training_devices(device), retries, watch)
     except BaseException as error:
         error.found = result()  # pyright: ignore[reportAttributeAccessIssue]
         raise
     return result()
 
 
-def _planned(plans: Sequence[RunPlan]) -> Result:
-    """What a sweep would train."""
-    found = [
-        {"run": plan.name, "folder": str(plan.folder), "done": plan.finished(), "hash": plan.digest()}
-        for plan in plans
+def _planned(runs: Sequence[SweptRun]) -> Result:
+    """What a sweep would train: a command per run."""
+    numbers = [
+        {"run": run.name, "folder": str(run.folder), "done": run.finished, "command": run.command}
+        for run in runs
     ]
-    cells = ((r["run"], r["folder"], "finished" if r["done"] else "to do", r["hash"][:10]) for r in found)
-    shown = table(f"{len(found)} runs", "run", "folder", "state", "settings", rows=cells)
-    return Result(numbers=found, shown=[shown])
+    return Result(numbers=numbers, shown=[run.command for run in runs if not run.finished])
 
 
-def _status(runs: Sequence[RunStatus]) -> Table:
-    """How every run stands; the held speed is that of the fastest 0.1 % of the robots."""
-    numbers = ("iteration", "done %", "steps/s", "held m/s", "falls/1k", "minutes to go", "restarts")
-    made = table("sweep", "run", "state", *numbers, numbers=numbers)
-    for run in runs:
-        row, share = run.plan.last_row(), run.plan.share()
-        cells = ("-", "0", "-", "-", "-", "-")
-        if row:
-            to_go = row["seconds"] * (1.0 / max(share, 1e-9) - 1.0) / 60.0
-            cells = (
-                f"{row['iteration']:.0f}",
-                f"{100 * share:.0f}",
-                f"{row['steps_per_second']:.0f}",
-                f"{row['speed_p999']:.2f}",
-                f"{1e3 * row['falls']:.2f}",
-                "0" if run.state == "finished" else f"{to_go:.0f}",
-            )
-        made.add_row(run.plan.name, run.state, *cells, str(run.restarts))
-    return made
+def _status(runs: Sequence[SweptRun], states: Mapping[str, str]) -> Result:
+    """How every run of a sweep stands; the speed is that of the fastest 0.1 % of the robots."""
+    columns = {"iteration": "iteration", "speed_p999": "fastest m/s", "falls": "falls per step"}
+    made = table("sweep", "run", "state", *columns.values(), numbers=tuple(columns.values()))
+    numbers = [
+        {"run": run.name, "folder": str(run.folder), "state": states[run.name], "last": run.last_row()}
+        for run in runs
+    ]
+    for row in numbers:
+        cells = (f"{row['last'][name]:.4g}" if name in row["last"] else "-" for name in columns)
+        made.add_row(row["run"], row["state"], *cells)
+    return Result(numbers=numbers, shown=[made])

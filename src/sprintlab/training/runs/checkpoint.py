@@ -14,23 +14,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.core.reading import parse_json
+from sprintlab.core.reading import parse_json, refused_as_damaged
 from sprintlab.robots import RobotDescription, robot_fingerprint
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import from_plain, to_plain
 
-CHECKPOINT_FORMAT = 6
+CHECKPOINT_FORMAT = 7
 MOST_ITERATIONS = 30_000
 """Most iterations of a run; its log holds 64 values of each."""
-_NEEDED = ("settings", "config_hash", "progress", "policy")
-_DAMAGED = (
-    OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, EOFError, MemoryError,
-    AssertionError, zipfile.BadZipFile, pickle.UnpicklingError,
-)  # fmt: skip
 
 
 @dataclass
@@ -44,15 +37,15 @@ class Progress:
 
 
 def write_checkpoint(state: Mapping[str, Any], path: Path) -> None:
-    """Write nested dictionaries and lists of tensors, arrays, numbers, texts and settings, in one step.
+    """Write nested dictionaries and lists of tensors, numbers, texts and settings, in one step.
 
     Raises:
-        SprintlabError: the disk refuses, or a value is of another type.
+        SprintlabError: the disk refuses.
     """
     import torch
 
     content = io.BytesIO()
-    torch.save({"format": CHECKPOINT_FORMAT, "state": _packed(dict(state), "state")}, content)
+    torch.save({"format": CHECKPOINT_FORMAT, "state": _packed(dict(state))}, content)
     atomic_write_bytes(path, content.getvalue())
 
 
@@ -62,13 +55,15 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     Raises:
         SprintlabError: missing, truncated, damaged, of another format, or written by something else.
     """
+    if not path.is_file():
+        raise SprintlabError(f"{path} is not a checkpoint: there is no such file")
     try:
-        state = _loaded(path)
-        state["progress"] = Progress(**state["progress"])
-        state["settings"] = from_plain(TrainingSettings, parse_json(state["settings"]))
-    except _DAMAGED as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise SprintlabError(f"{path} is not a checkpoint or is damaged: {reason[:150]}") from error
+        with refused_as_damaged(path, "is not a checkpoint or is damaged"):
+            state = _loaded(path)
+            state["progress"] = Progress(**state["progress"])
+            state["settings"] = from_plain(TrainingSettings, parse_json(state["settings"]))
+    except (OSError, EOFError, AssertionError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
+        raise SprintlabError(f"{path} is not a checkpoint or is damaged") from error
     return state
 
 
@@ -82,7 +77,7 @@ def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
     Raises:
         SprintlabError: its table has changed since.
     """
-    if state.get("robot_fingerprint") not in (None, robot_fingerprint(robot)):
+    if state["robot_fingerprint"] != robot_fingerprint(robot):
         raise SprintlabError(
             f"the table of robot {robot.name} has changed since it was trained: put the old one back, or "
             "train the new one from the beginning"
@@ -91,8 +86,6 @@ def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
 
 def _loaded(path: Path) -> dict[str, Any]:
     """The packed state in a file, its checksums compared."""
-    if not path.is_file():
-        raise SprintlabError(f"{path} is not a checkpoint: there is no such file")
     with zipfile.ZipFile(path) as archive:
         if (member := archive.testzip()) is not None:
             raise ValueError(f"the checksum of {member} does not fit; take an earlier copy")
@@ -101,31 +94,21 @@ def _loaded(path: Path) -> dict[str, Any]:
     found = torch.load(path, map_location="cpu", weights_only=True)
     if found["format"] != CHECKPOINT_FORMAT:
         raise SprintlabError(f"{path} has format {found['format']}; this version reads {CHECKPOINT_FORMAT}")
-    if lacking := [name for name in _NEEDED if name not in found["state"]]:
-        raise ValueError(f"it has no {', '.join(lacking)}")
     return found["state"]
 
 
-def _packed(value: Any, name: str) -> Any:
+def _packed(value: Any) -> Any:
     """A value in terms of what PyTorch loads without running code."""
     import torch
 
-    if value is None or isinstance(value, bool | str | int | float):
-        return value
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, torch.Tensor):
         return value.detach().cpu().clone()  # a view would be saved with all that it looks at
-    if isinstance(value, list | tuple):
-        items = [_packed(item, f"{name}.{place}") for place, item in enumerate(cast("list[Any]", value))]
-        return items if isinstance(value, list) else tuple(items)
     if isinstance(value, TrainingSettings):
         return json.dumps(to_plain(value))
     if isinstance(value, Progress):
-        value = vars(value)
+        return vars(value)
+    if isinstance(value, list):
+        return [_packed(item) for item in cast("list[Any]", value)]
     if isinstance(value, Mapping):
-        return {key: _packed(item, f"{name}.{key}") for key, item in cast("Mapping[str, Any]", value).items()}
-    raise SprintlabError(
-        f"{name} is of {type(value).__name__}, which a checkpoint cannot keep: use numbers, texts, "
-        "lists and tensors"
-    )
+        return {key: _packed(item) for key, item in cast("Mapping[str, Any]", value).items()}
+    return value

@@ -1,4 +1,4 @@
-"""Pictures of a run's learning, from its checkpoint alone: curves, the curriculum's grid, robots' speeds."""
+"""Pictures of a run's learning, from its checkpoint alone: curves and the curriculum's grid."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 
 from sprintlab.commands import CommandGrid
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, set_title, style_axis, themed_figure
-from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 _SIZE = (7.0, 4.2)
@@ -21,33 +19,25 @@ _DRAWN = {"seconds", "range_upper", "speed_p999", "speed_p95", "speed_median", "
 _BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
 
 
-def learning_figures(checkpoint: Path, folder: Path, state: dict[str, Any] | None = None) -> list[Path]:
-    """Write ``learning.png``, and as far as the checkpoint allows ``curriculum.png`` and ``speeds.png``.
-
-    The grid needs a schedule that uses one; the speeds need a checkpoint with the robots' states.
+def learning_figures(state: dict[str, Any], folder: Path) -> list[Path]:
+    """Write ``learning.png`` and, where the schedule has a grid, ``curriculum.png``; returns their paths.
 
     Args:
-        checkpoint: of the run.
+        state: what was read of the run's checkpoint.
         folder: for the pictures.
-        state: what was read of the checkpoint, which a run that goes on may have replaced since.
 
     Raises:
-        SprintlabError: no checkpoint, nothing logged in it, or the disk refuses.
+        SprintlabError: nothing has been logged, or the disk refuses.
     """
-    state = read_checkpoint(checkpoint) if state is None else state
     figures = {"learning": learning_curve(state["progress"].log)}
     settings: TrainingSettings = state["settings"]
     grid = getattr(getattr(settings.schedule, "targets", None), "grid", None)
     if grid is not None:
-        weights = state["grid_weights"].float().cpu().numpy()
-        figures["curriculum"] = grid_figure(grid, weights, state["growth"])
-    speeds = robot_speeds(state)
-    if speeds is not None:
-        figures["speeds"] = speed_figure(*speeds)
-    written: list[Path] = []
-    for name, figure in figures.items():
-        written.append(folder / f"{name}.png")
-        atomic_write_bytes(written[-1], png_bytes(figure))
+        weights = state["grid_weights"].float().numpy()
+        figures["curriculum"] = grid_figure(grid, weights, state["growth"]["upper"])
+    written = [folder / f"{name}.png" for name in figures]
+    for path, figure in zip(written, figures.values(), strict=True):
+        atomic_write_bytes(path, png_bytes(figure))
     return written
 
 
@@ -86,14 +76,8 @@ def learning_curve(log: list[dict[str, float]]) -> Figure:
     return figure
 
 
-def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) -> Figure:
-    """Weight of every bin over yaw rate and speed, with the top of the range that is commanded.
-
-    Args:
-        grid: its geometry.
-        weights: ``(rows, columns)``.
-        growth: state of the range.
-    """
+def grid_figure(grid: CommandGrid, weights: np.ndarray, top: float) -> Figure:
+    """Weight of every bin ``(rows, columns)`` over yaw rate and speed, with the top of the commands [m/s]."""
     figure, (axes,) = themed_figure(LIGHT, (0.75 * _SIZE[0], 1.3 * _SIZE[1]), 1, 1)
     axes.grid(False)
     extent = (-grid.yaw_limit, grid.yaw_limit, *grid.speed)
@@ -101,37 +85,10 @@ def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) 
         weights, origin="lower", aspect="auto", extent=extent, vmin=0.0, vmax=1.0, cmap="viridis"
     )
     figure.colorbar(image, ax=axes, label="weight of the bin")
-    axes.axhline(float(growth["upper"]), color="white", linestyle="--", linewidth=1.4)
+    axes.axhline(top, color="white", linestyle="--", linewidth=1.4)
     axes.set(xlabel="yaw rate [rad/s]", ylabel="speed [m/s]")
     open_bins = f"{100 * float((weights > 0).mean()):.0f} % of the bins are open"
     set_title(axes, f"{open_bins}; dashed: top of the range", LIGHT)
-    return figure
-
-
-def robot_speeds(state: dict[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Running speeds and commanded speeds [m/s] of all robots of all processes; ``None`` without robots."""
-    saved = [each["environment"] for each in (state, *state.get("others", ())) if each["environment"]]
-    if not saved:
-        return None
-    running = torch.cat([robots["running_speed"].cpu() for robots in saved])
-    commanded = torch.cat([robots["commands.command"][:, 0].cpu() for robots in saved])
-    return running.float().numpy(), commanded.float().numpy()
-
-
-def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
-    """Histogram of what robots run and what they are commanded to, in bins of 0.5 m/s.
-
-    Args:
-        running: smoothed forward speeds ``(n,)`` [m/s].
-        commanded: commands at the same instant ``(n,)`` [m/s].
-    """
-    figure, (axes,) = themed_figure(LIGHT, _SIZE, 1, 1)
-    both = np.concatenate((running, commanded))
-    edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5).tolist()
-    axes.hist(running, edges, color=_BLUE, alpha=0.6, label="run")
-    axes.hist(commanded, edges, histtype="step", color=_ORANGE, linewidth=1.6, label="commanded")
-    axes.set(xlabel="forward speed [m/s]", ylabel="robots")
-    axis_legend(axes, LIGHT)
     return figure
 
 

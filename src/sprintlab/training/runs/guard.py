@@ -9,23 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TextIO
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.core.signals import handled_by, terminations
 
 LOCK_NAME = ".lock"
 
 
 @contextmanager
-def exclusive(folder: Path, wait: bool = False) -> Iterator[None]:
+def exclusive(folder: Path) -> Iterator[None]:
     """Hold a run's folder; the system lets go of it even if the process is killed.
 
     The file ``.lock`` in it holds the number of the process. Windows has no such lock: nothing is held there.
-
-    Args:
-        folder: of the run; made if it is not there.
-        wait: until another process lets go, instead of refusing.
 
     Raises:
         SprintlabError: another process trains in this folder, or it cannot be made.
@@ -35,26 +30,22 @@ def exclusive(folder: Path, wait: bool = False) -> Iterator[None]:
         return
     import fcntl
 
-    with _opened(folder / LOCK_NAME) as handle:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            handle.seek(0)
-            owner = handle.read().strip() or "unknown"
-            raise SprintlabError(f"another process trains in {folder}: process {owner}") from error
-        handle.truncate(0)
-        handle.write(f"{os.getpid()}\n")
-        handle.flush()
-        yield
-
-
-def _opened(path: Path) -> TextIO:
-    """The file of a lock, made with its folder if it is not there."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("a+")
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK_NAME).open("a+")
     except OSError as error:
-        raise SprintlabError(f"cannot write {path}: {error.strerror or error}") from error
+        raise UnwrittenError(f"cannot write {folder / LOCK_NAME}: {error.strerror or error}") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            lock.seek(0)
+            owner = lock.read().strip() or "unknown"
+            raise SprintlabError(f"another process trains in {folder}: process {owner}") from error
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+        yield
 
 
 class StopRequest:

@@ -10,7 +10,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, read_checkpoint
+from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, Progress, read_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
 GPU_MINUTES, CPU_MINUTES = 7.0, 60.0
@@ -19,27 +19,46 @@ _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainOptions:
-    """A session of training: of what, how long, and where to.
+class RunLength:
+    """When a run ends: its phases begin at shares of this.
 
     Attributes:
-        settings: every choice of the run: ``training.methods.method``.
-        output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
-        minutes: stop after this much time in this session; the phases of the training follow it. Without
-            minutes and iterations 7 on a GPU, 60 on a CPU.
-        iterations: stop at this iteration of the run; at most 30,000.
-        environments: robots side by side; those of the settings when left out.
+        iterations: Iterations of the run; None: as many as fit into the time.
+        seconds: Training time of the run, over all sessions [s]; None: no limit.
+    """
+
+    iterations: int | None = None
+    seconds: float | None = None
+
+    def share(self, progress: Progress) -> float:
+        """Share of the run that is done, from 0 to 1."""
+        shares = [0.0]
+        if self.iterations is not None:
+            shares.append(progress.iteration / self.iterations)
+        if self.seconds is not None:
+            shares.append(progress.seconds / self.seconds)
+        return min(1.0, max(shares))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """A session of training: what is trained, for how long, and where to.
+
+    Attributes:
+        settings: Every choice of the run: ``training.methods.method``.
+        output: Folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
+        minutes: The run ends after so much training time, over all sessions. Without minutes and iterations
+            a resumed run keeps its length, and a new one takes 7 minutes on a GPU and 60 on a CPU.
+        iterations: The run ends at this iteration, at most 30,000.
+        environments: Robots side by side; those of the settings when left out.
         device: ``cuda:0``, ``cpu`` or ``auto``. On a CPU settings of the default size become small ones.
-        resume: go on from the checkpoint in ``output``, with its settings.
-        save_seconds: time between checkpoints.
-        milestones: keep the policy as it is at every multiple of this training time [s], as
+        resume: Go on, with its settings, from the checkpoint in ``output`` where there is one.
+        save_seconds: Time between checkpoints.
+        milestones: The policy is kept at every multiple of this training time [s], as
             ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
-        keep_robots: put the state of every robot into the checkpoint (6 kB each): the run can then go on as
-            if it had not stopped. Without, robots start from standing when it is taken up.
-        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
-        tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
-        wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
-        figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
+        fused: Graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
+        tensorboard: Curves are written to ``output/tensorboard``.
+        wandb: Project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
 
     Raises:
         InvalidValueError: a number out of range.
@@ -54,11 +73,9 @@ class TrainOptions:
     resume: bool = False
     save_seconds: float = 60.0
     milestones: float | None = None
-    keep_robots: bool = False
     fused: bool = True
     tensorboard: bool = True
     wandb: str | None = None
-    figures: bool = False
 
     def __post_init__(self) -> None:
         if self.minutes is not None:
@@ -74,17 +91,27 @@ class TrainOptions:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
 
     @property
+    def checkpoint(self) -> Path:
+        """The newest checkpoint of the run."""
+        return self.output / "checkpoint.pt"
+
+    @property
     def on_cpu(self) -> bool:
         """Whether the training runs on the CPU."""
         return self.device == "cpu" or (self.device == "auto" and not _has_gpu())
 
-    def seconds(self) -> float | None:
-        """Length of this session [s]; None where only the iterations end it."""
-        if self.minutes is not None:
-            return 60.0 * self.minutes
-        if self.iterations is not None:
+    @property
+    def length(self) -> RunLength | None:
+        """Length of the run that is asked for; None where nothing is said."""
+        if self.minutes is None and self.iterations is None:
             return None
-        return 60.0 * (CPU_MINUTES if self.on_cpu else GPU_MINUTES)
+        seconds = None if self.minutes is None else 60.0 * self.minutes
+        return RunLength(iterations=self.iterations, seconds=seconds)
+
+    @property
+    def default_length(self) -> RunLength:
+        """Length of a new run of which nothing is said."""
+        return RunLength(seconds=60.0 * (CPU_MINUTES if self.on_cpu else GPU_MINUTES))
 
     def full_settings(self) -> TrainingSettings:
         """The settings at the size that this session trains."""
@@ -94,27 +121,20 @@ class TrainOptions:
         return replace(settings, simulation=replace(settings.simulation, environments=self.environments))
 
 
-def check_places(options: TrainOptions, restartable: bool = False) -> None:
+def check_places(options: TrainOptions) -> None:
     """Refuse a run that cannot begin: its device, robot or folder.
-
-    Args:
-        options: of the run.
-        restartable: whether a checkpoint in the folder is gone on from.
 
     Raises:
         SprintlabError: names what is in the way.
     """
     _check_device(options.device)
-    checkpoint = options.output / "checkpoint.pt"
-    if options.resume and not checkpoint.is_file():
-        raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
-    if checkpoint.exists() and not (options.resume or restartable):
-        raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
+    if options.checkpoint.exists():
+        if not options.resume:
+            raise SprintlabError(f"{options.checkpoint} exists: choose another output, or resume it")
+        read_checkpoint(options.checkpoint)
     load_robot(options.settings.robot)
-    if options.resume:
-        read_checkpoint(checkpoint)
     check_schedule(options.settings.schedule)
-    check_writable(options.output / "checkpoint.pt")
+    check_writable(options.checkpoint)
 
 
 def _check_device(device: str) -> None:

@@ -12,32 +12,17 @@ from typing import Any
 from rich.console import Console
 from rich.live import Live
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import UnwrittenError
 from sprintlab.training.runs.screen import clock, plain_exam, plain_line, screen
 
 PRINT_SECONDS = 10.0
 LIVE_SECONDS = 0.25
-"""Least time between two looks of the progress on a terminal; drawing it takes a millisecond or two."""
+"""Least time between two updates of the table on a terminal; drawing it takes a millisecond or two."""
 BOARD_SECONDS = 1.0
 """Least time between two points in TensorBoard: the log has every iteration, and curves need no more."""
 EXAM = "exam/held"
 """A number that only rows of iterations with an exam have."""
 _CONTEXT = ("iteration", "seconds", "environment_steps")
-
-
-def time_to_go(iteration: int, iterations: float, started_at: int, elapsed: float, allowed: float) -> float:
-    """Seconds until the iterations or the time of this session are used up, at the pace so far.
-
-    Args:
-        iteration: reached.
-        iterations: at which the run ends; infinity: by time alone.
-        started_at: iteration at which this session began.
-        elapsed: time of this session [s].
-        allowed: time of this session [s]; infinity: no limit.
-    """
-    left = max(0.0, allowed - elapsed)
-    done = max(1, iteration - started_at)
-    return min(left, (iterations - iteration) * elapsed / done)
 
 
 class Board:
@@ -58,7 +43,7 @@ class Board:
         """A point on every curve, unless the last is less than a second old and there was no exam.
 
         Raises:
-            SprintlabError: the disk refuses.
+            UnwrittenError: the disk refuses.
         """
         now = time.monotonic()
         if now - self._last < BOARD_SECONDS and EXAM not in row:
@@ -70,10 +55,8 @@ class Board:
                     tag = name if "/" in name else f"run/{name}"
                     self._writer.add_scalar(tag, value, int(row["iteration"]))
         except OSError as error:
-            raise SprintlabError(
-                f"training stopped at iteration {row['iteration']:.0f}: cannot write TensorBoard's curves: "
-                f"{error.strerror or error}; the last good checkpoint is untouched"
-            ) from error
+            reason = error.strerror or error
+            raise UnwrittenError(f"cannot write TensorBoard's curves: {reason}") from error
 
     def add_clip(self, clip: Path) -> None:
         """A moving picture, of the iteration that its file is named after."""
@@ -113,7 +96,7 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
 
 @contextmanager
 def preparing(quiet: bool) -> Generator[None]:
-    """Say on stderr that kernels are being compiled, instead of one line of Warp's for each of them."""
+    """Say on stderr that kernels are being compiled."""
     console = Console(stderr=True, highlight=False, quiet=quiet)
     text = "preparing: kernels are compiled, once a machine (up to two minutes)"
     began = time.monotonic()
@@ -133,29 +116,18 @@ class Reporter:
     """Progress on stderr: a table on a terminal, else a line every ten seconds.
 
     Args:
-        title: what is trained, and where.
-        iterations: at which the run ends.
-        seconds: of this session.
-        started_at: iteration at which it begins.
-        board: curves to fill, too.
-        rolled_back: updates taken back before this session.
-        quiet: print nothing: for the processes that do not lead.
+        title: What is trained, and where.
+        share: Share of the run that is done when this session begins.
+        board: Curves to fill, too.
+        rolled_back: Updates taken back before this session.
+        quiet: Print nothing: for the processes that do not lead.
     """
 
     def __init__(
-        self,
-        *,
-        title: str,
-        iterations: float,
-        seconds: float,
-        started_at: int,
-        board: Board | None,
-        rolled_back: float = 0.0,
-        quiet: bool = False,
+        self, title: str, share: float, board: Board | None, rolled_back: float = 0.0, quiet: bool = False
     ) -> None:
-        self._title, self._exam = title, dict[str, float]()
-        self._iterations, self._seconds, self._first = iterations, seconds, started_at
-        self._board, self._rolled_back, self._broken = board, rolled_back, 0
+        self._title, self._first, self._exam = title, share, dict[str, float]()
+        self._board, self._rolled_back, self._broken = board, rolled_back, False
         self._console = Console(stderr=True, highlight=False, quiet=quiet)
         self._live = self._console.is_terminal and not quiet
         self._display = Live(console=self._console, auto_refresh=False)
@@ -181,8 +153,8 @@ class Reporter:
         if clip is not None and self._board is not None:
             self._board.add_clip(clip)
 
-    def show(self, row: dict[str, float]) -> None:
-        """One iteration has been done."""
+    def show(self, row: dict[str, float], share: float) -> None:
+        """One iteration has been done, and so much of the run."""
         if self._board is not None:
             self._board.add(row)
         self._warn(row)
@@ -195,12 +167,12 @@ class Reporter:
         pause = LIVE_SECONDS if self._live else PRINT_SECONDS
         if now - self._printed > pause or row["iteration"] <= 1 or EXAM in row:
             self._printed = now
-            self._print(row, now - self._began)
+            self._print(row, share, now - self._began)
 
-    def _print(self, row: dict[str, float], elapsed: float) -> None:
-        left = time_to_go(int(row["iteration"]), self._iterations, self._first, elapsed, self._seconds)
+    def _print(self, row: dict[str, float], share: float, elapsed: float) -> None:
+        left = elapsed * (1.0 - share) / max(share - self._first, 1e-9)
         if self._live:
-            shown = screen(self._title, row, self._exam, elapsed, left, self._console.height)
+            shown = screen(self._title, row, self._exam, share, left, self._console.height)
             self._display.update(shown, refresh=True)
         else:
             self.say(f"{plain_line(row)}, {clock(left)} left")
@@ -212,10 +184,9 @@ class Reporter:
                 f"warning: update {row['iteration']:.0f} diverged and was taken back "
                 f"({self._rolled_back:.0f} so far)"
             )
-        if row["broken"]:
-            if not self._broken:
-                self.say(
-                    f"warning: iteration {row['iteration']:.0f} had {row['broken']:.0f} robots with broken "
-                    "physics (NaN or impossible speeds); they were reset and are counted as 'broken'"
-                )
-            self._broken += int(row["broken"])
+        if row["broken"] and not self._broken:
+            self._broken = True
+            self.say(
+                f"warning: iteration {row['iteration']:.0f} had {row['broken']:.0f} robots with broken "
+                "physics (NaN or impossible speeds); they were reset and are counted as 'broken'"
+            )

@@ -26,6 +26,7 @@ from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
 from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
+from sprintlab.training.runs.options import RunLength
 from sprintlab.training.runs.stopwatch import Stopwatch
 from sprintlab.training.settings import TrainingSettings
 
@@ -40,28 +41,6 @@ def device_description(device: str) -> str:
 def package_versions() -> dict[str, str]:
     """Versions of what a policy depends on."""
     return {package: metadata.version(package) for package in _PACKAGES}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunLength:
-    """When a run ends: its phases begin at shares of this.
-
-    Attributes:
-        iterations: of the run; None: as many as fit into the time.
-        seconds: of the run, over all sessions; None: no limit.
-    """
-
-    iterations: int | None = None
-    seconds: float | None = None
-
-    def share(self, progress: Progress) -> float:
-        """Share of the run that is done, from 0 to 1."""
-        shares = [0.0]
-        if self.iterations is not None:
-            shares.append(progress.iteration / self.iterations)
-        if self.seconds is not None:
-            shares.append(progress.seconds / self.seconds)
-        return min(1.0, max(shares))
 
 
 EQUAL_SPEED = 0.05
@@ -123,10 +102,7 @@ class Runner:
         self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
         self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
-        self.growth = RangeGrowth(
-            increment=stages.growth,
-            margin=stages.growth_margin,
-        )
+        self.growth = RangeGrowth(increment=stages.growth, margin=stages.growth_margin)
         self.blend = StageBlend(
             first_top=stages.first_top,
             second_top=stages.second_top,
@@ -143,9 +119,14 @@ class Runner:
         self._set_curriculum()
 
     def begin(self, length: RunLength) -> None:
-        """Put the run, new or taken up, into the phase that it is in."""
+        """Put the run, new or resumed, into the phase that it is in."""
         self.length = length
         self._set_curriculum()
+
+    @property
+    def share(self) -> float:
+        """Share of the run that is done, from 0 to 1."""
+        return self.length.share(self.progress)
 
     def iterate(self) -> dict[str, float]:
         """One rollout and one update; returns the statistics of the iteration."""
@@ -228,7 +209,7 @@ class Runner:
         if settings is None or settings.hopeless is None or self.last_exam is None:
             return False
         held = 0.0 if self.best is None else self.best.held
-        return self.length.share(self.progress) >= _HALF and held < settings.hopeless
+        return self.share >= _HALF and held < settings.hopeless
 
     @property
     def chosen(self) -> dict[str, torch.Tensor]:
@@ -258,7 +239,7 @@ class Runner:
 
     def _set_curriculum(self) -> None:
         """Range, stage, chances and noise of the next iteration."""
-        iteration, share = self.progress.iteration, self.length.share(self.progress)
+        iteration, share = self.progress.iteration, self.share
         steady = self.settings.stages.is_steady(share)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
         self.learner.set_phase(share)
@@ -296,34 +277,23 @@ class Runner:
 
     # --- checkpoints -------------------------------------------------------------------------------------
 
-    def state(self, with_robots: bool = True) -> dict[str, Any]:
-        """Everything that a run needs to go on, and that an export needs to write a contract.
-
-        Where several processes train together, all of them must call this; only the leader's answer holds
-        everything.
-
-        Args:
-            with_robots: also the state of every robot and its command; without it, robots start from
-                standing when the run is taken up.
-        """
-        first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
+    def state(self) -> dict[str, Any]:
+        """Everything that a run needs to go on, and that an export needs to write a contract."""
         return {
             **self._description(),
             "policy": self.chosen,
             "mean": self.mean,
             "best": None if self.best is None else vars(self.best),
             "learner": self.learner.state_dict(),
-            **(first or {}),
-            "others": others,
             "grid_weights": self.environment.grid_weights,
             "growth": self.growth.state_dict(),
             "blend": self.blend.state_dict(),
             "chances": None if self.chances is None else self.chances.state_dict(),
-            "progress": self.progress,
+            "length": vars(self.length),
         }
 
     def _description(self) -> dict[str, Any]:
-        """What the file is of, and when and where it was written."""
+        """What the file is of, how far it has come, and when and where it was written."""
         return {
             "settings": self.settings,
             "config_hash": self.settings.digest(),
@@ -332,91 +302,51 @@ class Runner:
             "device": device_description(self.device),
             "versions": package_versions(),
             "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "progress": self.progress,
         }
 
-    def _own_state(self, with_robots: bool) -> dict[str, Any]:
-        """What each process has of its own: its robots and its random generators."""
-        generators = {"torch": torch.get_rng_state()}
-        if self.device.startswith("cuda"):
-            generators["cuda"] = torch.cuda.get_rng_state(self.device)
-        robots = self.environment.state() if with_robots else None
-        if robots is not None and self.workers.several:
-            robots = {name: value.cpu() for name, value in robots.items()}
-        return {"environment": robots, "generators": generators}
-
-    def save(self, path: Path, with_robots: bool = True) -> None:
-        """Write the checkpoint in one step, by the leader; all processes must call this.
+    def save(self, path: Path) -> None:
+        """Write the checkpoint in one step.
 
         Raises:
             SprintlabError: the disk refuses; the checkpoint that was there stays.
         """
-        state = self.state(with_robots)
-        if not self.workers.leads:
-            return
-        write_checkpoint(state, path)
+        write_checkpoint(self.state(), path)
 
     def save_policy(self, path: Path) -> None:
-        """Write what ``sprintlab export`` reads and nothing else, by the leader: a milestone of a run.
+        """Write what ``sprintlab export`` reads and nothing else: a milestone of a run.
 
         Raises:
             SprintlabError: the disk refuses.
         """
-        if not self.workers.leads:
-            return
-        state = {
-            **self._description(),
-            "policy": self.mean,
-            "progress": replace(self.progress, log=[]),
-        }
-        write_checkpoint(state, path)
+        progress = replace(self.progress, log=[])
+        write_checkpoint({**self._description(), "policy": self.mean, "progress": progress}, path)
 
     def save_log(self, path: Path) -> None:
-        """Write one JSON line an iteration."""
+        """Write one JSON line per iteration."""
         atomic_write_text(path, "".join(json.dumps(row) + "\n" for row in self.progress.log))
 
     def load(self, state: dict[str, Any]) -> None:
-        """Take up a run where its checkpoint left it.
-
-        With the robots' states in it, and on the same device and versions, the run goes on as if it had not
-        stopped. Robots that are not in it (saved without, another number of robots, more processes than
-        before) start anew from standing.
+        """Resume a run from its checkpoint; robots start from standing, with new random numbers.
 
         Raises:
             SprintlabError: the state is a milestone, a policy without what training needs, or does not fit.
         """
-        if "growth" not in state:
+        if "learner" not in state:
             raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
         with refused_as_damaged("the checkpoint", "does not fit this run"):
-            self._load(state)
-
-    def _load(self, state: dict[str, Any]) -> None:
-        self.learner.load_state_dict(state["learner"])
-        self.growth.load_state_dict(state["growth"])
-        self.blend.load_state_dict(state["blend"])
-        if self.chances is not None and state["chances"] is not None:
-            self.chances.load_state_dict(state["chances"])
-        for name, value in self.mean.items():
-            value.copy_(state["mean"][name])
-        self.best = None if state["best"] is None else BestExam(**state["best"])
-        if state["grid_weights"].shape == self.environment.grid_weights.shape:
+            self.learner.load_state_dict(state["learner"])
+            self.growth.load_state_dict(state["growth"])
+            self.blend.load_state_dict(state["blend"])
+            if self.chances is not None:
+                self.chances.load_state_dict(state["chances"])
+            for name, value in self.mean.items():
+                value.copy_(state["mean"][name])
+            self.best = None if state["best"] is None else BestExam(**state["best"])
             self.environment.grid_weights.copy_(state["grid_weights"])
-        saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]
-        rank = self.workers.rank
-        if rank < len(saved):
-            self._load_own(saved[rank])
-        else:  # a newcomer: random numbers that no process has had
-            torch.manual_seed(self.settings.seed + 1_000_003 * rank + state["progress"].iteration)
-        self.progress = state["progress"]
-        self._set_curriculum()
-
-    def _load_own(self, state: dict[str, Any]) -> None:
-        robots = state["environment"]
-        if robots is not None and len(robots["action"]) == self.environment.num_envs:
-            self.environment.load_state(robots)
-        generators = state["generators"]
-        torch.set_rng_state(generators["torch"].cpu())
-        if self.device.startswith("cuda") and "cuda" in generators:
-            torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
+            self.progress = state["progress"]
+            torch.manual_seed(self.settings.seed + 1_000_003 * self.workers.rank + self.progress.iteration)
+            self.begin(RunLength(**state["length"]))
 
 
 def command_line() -> str:

@@ -75,7 +75,7 @@ def _held(row: Mapping[str, float], group: str) -> str:
 
 
 def screen(
-    title: str, row: Mapping[str, float], exam: Mapping[str, float], elapsed: float, left: float, height: int
+    title: str, row: Mapping[str, float], exam: Mapping[str, float], share: float, left: float, height: int
 ) -> RenderableType:
     """The table of a training.
 
@@ -83,11 +83,11 @@ def screen(
         title: what is trained.
         row: of the log: the present iteration.
         exam: numbers of the latest exam, and its iteration; empty before the first.
-        elapsed: time of this session [s].
-        left: until its end [s].
+        share: of the run that is done.
+        left: time until its end [s].
         height: of the terminal [lines]; reward terms are left out where they do not fit.
     """
-    bar = ProgressBar(total=1.0, completed=elapsed / max(elapsed + left, 1e-9), width=WIDTH)
+    bar = ProgressBar(total=1.0, completed=share, width=WIDTH)
     parts: list[RenderableType] = [Rule(title, characters="─"), bar, _pairs(_general(row, left))]
     shown = [_rule(f"exam at iteration {exam['iteration']:.0f}"), _exam_table(exam)] if exam else []
     terms = list(_terms(row))
