@@ -5,7 +5,7 @@
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. ``results/POLICY/result.json``
 is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
 ``seeds.json`` exists (``tools/judge_seeds.py`` writes it), the tables say median, worst and best seed.
-Of the default policy also ``lap.json`` (``sprintlab lap sprint --top-speed 10.5 --json``),
+The default policy also has ``lap.json`` (``sprintlab lap sprint --top-speed 10.5 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
 ``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make the figure.
@@ -25,12 +25,22 @@ from matplotlib.figure import Figure
 from sprintlab.core.theme import DARK, LIGHT, Theme
 from sprintlab.evaluation.report_text import audit_limit, audit_measured, number
 from sprintlab.evaluation.results import AuditItem
+from sprintlab.integrations.mjcf import dc_motor_excess
+from sprintlab.motors import library_motors, load_library_motor
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 DEFAULT_POLICY = "sprint"
 TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+GUESTS = {
+    "Isaac Lab": "isaaclab",
+    "mjlab": "mjlab",
+    "Newton": "newton",
+    "Playground": "playground",
+    "plain MuJoCo, one robot": "mujoco",
+}
+WORK = "driving work that the motors could not do"
 Row = dict[str, Any]
 
 
@@ -45,6 +55,10 @@ def tables() -> dict[str, str]:
         "robustness": robustness(sprints),
         "besides": besides(RESULTS / DEFAULT_POLICY),
         "second_engine": second_engine(engines),
+        "mjcf_export": mjcf_export(),
+        "mjlab_walk": mjlab_walk(_integration("mjlab-go1")),
+        "newton_walk": newton_walk(_integration("newton-anymal")),
+        "guest_costs": guest_costs(_integration("cost")),
     }
 
 
@@ -187,6 +201,62 @@ def besides(folder: Path) -> str:
         what = f"{names[trials['ground']]}, asked for {ground['top_speed_command_m_s']:g} m/s"
         rows.append((what, f"{change}, {trials['upright']} of {trials['trials']} upright"))
     return _table(("", "measured"), rows)
+
+
+def mjcf_export() -> str:
+    """Torque that MuJoCo's ``<dcmotor>`` gives beyond each library motor's envelope."""
+    head = ("actuator", "driving, at most", "driving, mean over speeds", "braking, at most", "at standstill")
+    rows = []
+    for name in library_motors():
+        motor = load_library_motor(name)
+        excess = dc_motor_excess(motor.motor, motor.gear, motor.bus_voltage)
+        shares = (excess[part] for part in ("driving", "driving_mean", "braking", "stalled"))
+        rows.append((f"`{name}`", *(f"{abs(round(100.0 * share))} %" for share in shares)))
+    return _table(head, rows)
+
+
+def mjlab_walk(found: Row) -> str:
+    """mjlab's Go1 on three of its actuators."""
+    head = ("actuator", "held at 1.5 m/s", "fastest calf", WORK)
+    actuators = {
+        "position": "BuiltinPositionActuatorCfg",
+        "dc_motor": "DcMotorActuatorCfg",
+        "refined": "PmsmActuatorCfg",
+    }
+    keys = ("held_m_s", "fastest_calf_rad_s", "impossible_work_share")
+    rows = [_walk(name, *(found[f"{law}_1.5"][key] for key in keys)) for law, name in actuators.items()]
+    return _table(head, rows)
+
+
+def newton_walk(found: Row) -> str:
+    """ANYmal with Newton's clamping stages."""
+    head = ("clamping stage", "held at 1 m/s", "fastest joint", WORK)
+    stages = {
+        "peak_torque": "ClampingMaxEffort",
+        "straight_line": "ClampingDCMotor",
+        "refined": "PmsmClamping",
+    }
+    keys = ("held_{}_m_s", "fastest_joint_{}_rad_s", "impossible_work_share_{}")
+    rows = [_walk(name, *(found[key.format(law)] for key in keys)) for law, name in stages.items()]
+    return _table(head, rows)
+
+
+def _walk(name: str, held_speed: float, fastest: float, share: float) -> Sequence[str]:
+    return f"`{name}`", f"{held_speed:.2f} m/s", f"{fastest:.1f} rad/s", f"{100.0 * share:.1f} %"
+
+
+def guest_costs(found: Row) -> str:
+    """Time per step of each framework's own actuators and of ours [us]."""
+    rows = []
+    for title, guest in GUESTS.items():
+        times = list(found[guest]["microseconds_per_step"].values())
+        line = times[1] if len(times) > 2 else None
+        rows.append((title, *("-" if one is None else f"{one:.0f}" for one in (times[0], line, times[-1]))))
+    return _table(("framework", "limits only", "straight line", "this package"), rows)
+
+
+def _integration(name: str) -> Row:
+    return json.loads((RESULTS / "integrations" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def _lap(lap: Row) -> str:

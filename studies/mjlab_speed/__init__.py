@@ -10,7 +10,7 @@ the range of commanded speeds, which mjlab's own curriculum raises until the mot
 Every policy is then judged on one plant, MuJoCo C with the motors of our Go1: under the law that it was
 trained with (what was promised) and under the refined law (what its motors give).
 
-    python -m studies.mjlab_speed train --output results/mjlab-speed   # again until nothing is left
+    python -m studies.mjlab_speed train --output results/mjlab-speed   # again until it prints "left: nothing"
     python -m studies.mjlab_speed judge results/mjlab-speed            # needs no GPU
-    python -m studies.mjlab_speed page results/mjlab-speed docs            # figure and section
+    python -m studies.mjlab_speed page results/mjlab-speed docs       # figure and section
 """

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     for name in ("train", "one"):
         part = commands.add_parser(name)
         part.add_argument("--work", type=Path, default=Path("/tmp/mjlab-speed"), help="checkpoints are here")
-        part.add_argument("--iterations", type=int, default=600)
+        part.add_argument("--iterations", type=int, default=300)
         part.add_argument("--environments", type=int, default=4096)
         if name == "one":
             part.add_argument("--actuator", choices=ACTUATORS)
@@ -29,7 +29,9 @@ def parser() -> argparse.ArgumentParser:
         part.add_argument("--output", type=Path, required=True)
         part.add_argument("--actuators", nargs="+", choices=ACTUATORS, default=ACTUATORS)
         part.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3))
-        part.add_argument("--minutes", type=float, default=9.0, help="no training goes on for longer")
+        part.add_argument(
+            "--minutes", type=float, default=9.0, help="after this, trainings stop at a checkpoint"
+        )
         part.add_argument("--parallel", type=int, default=3, help="trainings at a time on each GPU")
     part = commands.add_parser("judge")
     part.add_argument("results", type=Path, help="folder of runs; judged ones are left alone")

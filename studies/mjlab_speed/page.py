@@ -60,13 +60,13 @@ def text(found: Sequence[Run]) -> str:
     groups = {law: [run for run in found if run["actuator"] == law] for law in ACTUATORS}
     groups = {law: runs for law, runs in groups.items() if runs}
     rows = [f"| `{law}` | " + " | ".join(cells(runs)) + " |" for law, runs in groups.items()]
-    steps = found[0]["iterations"] * found[0]["environments"] * STEPS_PER_ITERATION / 1e6
+    budgets = {run["iterations"] * run["environments"] * STEPS_PER_ITERATION / 1e6 for run in found}
     return SECTION.format(
         verdict=verdict(groups),
         trainings=len(found),
-        steps=f"{steps:.3g}",
+        steps=" to ".join(f"{steps:.3g}" for steps in sorted({min(budgets), max(budgets)})),
         rows="\n".join(rows),
-        iterations=found[0]["iterations"],
+        iterations=max(run["iterations"] for run in found),
     )
 
 

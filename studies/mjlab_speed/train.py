@@ -27,8 +27,9 @@ NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
 """Published [rad/s]."""
 NOMINAL_VOLTAGE = 24.0
 STEPS_PER_ITERATION = 24
-"""Of mjlab's task."""
-CHUNK = 50  # iterations between two looks at the clock
+"""Policy steps per robot between two updates in mjlab's task."""
+CHUNK = 25  # iterations between two checkpoints
+POLICY = "policy.npz"
 
 
 def actuators(law: str) -> tuple[Any, ...]:
@@ -82,7 +83,7 @@ def task(law: str, environments: int, iterations: int, seed: int) -> Any:
 
 
 def train(law: str, seed: int, folder: Path, iterations: int, environments: int, until: float) -> None:
-    """Train, or go on, to the last iteration or until a time [s since 1970]; then leave ``policy.npz``."""
+    """Train or resume, to the last iteration or until a time [s since 1970]; leaves ``policy.npz``."""
     os.environ.setdefault("MUJOCO_GL", "disabled")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")  # a GPU node may have no git
     import torch
@@ -100,24 +101,22 @@ def train(law: str, seed: int, folder: Path, iterations: int, environments: int,
     if checkpoint := newest_checkpoint(folder):
         runner.load(str(checkpoint), map_location=device)
         done = runner.current_learning_iteration = runner.current_learning_iteration + 1
+    facts = {"actuator": law, "seed": seed, "environments": environments}
+    action = environment.action_manager.get_term("joint_pos")
     first, begun = done, time.time()
     while done < iterations and time.time() < until:
         runner.learn(min(CHUNK, iterations - done), init_at_random_ep_len=done == 0)
         done = runner.current_learning_iteration = runner.current_learning_iteration + 1
         for old in sorted(folder.glob("model_*.pt"), key=lambda path: path.stat().st_mtime)[:-1]:
             old.unlink()
-    rate = (done - first) * settings.num_steps_per_env * environments / (time.time() - begun)
-    print(f"{law} {seed}: {rate:,.0f} steps/s, iteration {done}", flush=True)
-    if done >= iterations:
-        entity = environment.scene["robot"]
-        action = environment.action_manager.get_term("joint_pos")
-        facts = {"actuator": law, "seed": seed, "iterations": iterations, "environments": environments}
-        export(runner, entity, action, facts, folder / "policy.npz")
+        export(runner, environment.scene["robot"], action, {**facts, "iterations": done}, folder / POLICY)
+        rate = (done - first) * settings.num_steps_per_env * environments / (time.time() - begun)
+        print(f"{law} {seed}: iteration {done}, {rate:,.0f} steps/s", file=sys.stderr, flush=True)
     environment.close()
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
-    """The one last written."""
+    """The checkpoint that was written last."""
     return max(folder.glob("model_*.pt"), key=lambda path: path.stat().st_mtime, default=None)
 
 
@@ -135,49 +134,58 @@ def export(runner: Any, entity: Any, action: Any, facts: dict[str, Any], path: P
 
 
 def run_all(given: argparse.Namespace) -> None:
-    """Train what is left, several at a time, and pack what is done."""
-    until = time.time() + 60.0 * given.minutes
-    runs = list(itertools.product(given.seeds, given.actuators))
-    left = [run for run in runs if not (folder_of(given, *run) / "policy.npz").exists()]
+    """Train what is left, several at a time, and pack what there is."""
     import torch
 
+    until = time.time() + 60.0 * given.minutes
+    runs = list(itertools.product(given.seeds, given.actuators))
+    left = [run for run in runs if iterations_done(folder_of(given, *run)) < given.iterations]
     gpus = [str(number) for number in range(torch.cuda.device_count())] or [""]
-    going: list[tuple[subprocess.Popen[bytes], str]] = []
-    while left or going:
-        going = [(process, gpu) for process, gpu in going if process.poll() is None]
-        while left and len(going) < given.parallel * len(gpus) and time.time() < until:
-            busy = [gpu for _, gpu in going]
+    running: list[tuple[subprocess.Popen[bytes], str]] = []
+    while running or (left and time.time() < until):
+        running = [(process, gpu) for process, gpu in running if process.poll() is None]
+        while left and len(running) < given.parallel * len(gpus) and time.time() < until:
+            busy = [gpu for _, gpu in running]
             gpu = min(gpus, key=busy.count)
-            going.append((start(given, *left.pop(0), until, gpu), gpu))
-        if time.time() > until and not going:
-            break
+            running.append((start(given, *left.pop(0), until, gpu), gpu))
         time.sleep(0.5)
     pack(given, runs)
 
 
 def start(given: argparse.Namespace, seed: int, law: str, until: float, gpu: str) -> subprocess.Popen[bytes]:
-    """One training as a process on one GPU."""
-    folder_of(given, seed, law).mkdir(parents=True, exist_ok=True)
+    """One training as a process on one GPU; rsl_rl's tables go to ``log.txt`` beside its checkpoint."""
+    folder = folder_of(given, seed, law)
+    folder.mkdir(parents=True, exist_ok=True)
     words = ["--actuator", law, "--seed", seed, "--work", given.work, "--until", until]
     words += ["--iterations", given.iterations, "--environments", given.environments]
     command = [sys.executable, "-m", "studies.mjlab_speed", "one", *map(str, words)]
-    return subprocess.Popen(command, env={**os.environ, "CUDA_VISIBLE_DEVICES": gpu})
+    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": gpu, "OMP_NUM_THREADS": "1"}
+    with (folder / "log.txt").open("ab") as log:
+        return subprocess.Popen(command, env=environment, stdout=log)
 
 
 def folder_of(given: argparse.Namespace, seed: int, law: str) -> Path:
-    """Of one run."""
+    """Where a run has its checkpoint, policy and log."""
     return given.work / f"{law}-{seed}"
 
 
+def iterations_done(folder: Path) -> int:
+    """Iterations behind the policy of a run; zero without one."""
+    if not (folder / POLICY).exists():
+        return 0
+    with np.load(folder / POLICY) as found:
+        return int(found["iterations"])
+
+
 def pack(given: argparse.Namespace, runs: Sequence[tuple[int, str]]) -> None:
-    """``results.zip`` of the finished policies, 0.8 MB per run, and what is left to do."""
+    """Write ``results.zip`` with the policy of each run, 0.8 MB each, and print what is left to train."""
     given.output.mkdir(parents=True, exist_ok=True)
     left = []
     with zipfile.ZipFile(given.output / "results.zip", "w") as archive:
         for seed, law in runs:
-            path = folder_of(given, seed, law) / "policy.npz"
-            if path.exists():
-                archive.write(path, f"{law}-{seed}/policy.npz")
-            else:
-                left.append(f"{law}-{seed}")
+            folder = folder_of(given, seed, law)
+            if done := iterations_done(folder):
+                archive.write(folder / POLICY, f"{law}-{seed}/{POLICY}")
+            if done < given.iterations:
+                left.append(f"{law}-{seed} from iteration {done}")
     print(f"left: {', '.join(left) or 'nothing'}", flush=True)

@@ -1,7 +1,7 @@
 """Every command in README and docs: run where it is quick, else parsed as the command line parses it.
 
 A shell line is one of: ``sprintlab``, ``make``, ``pip``, ``python FILE``, ``python -m MODULE``, or a plain
-shell word of ``SHELL``. Anything else fails, so that a new kind of line is looked at.
+shell word of ``SHELL``. Anything else fails, so that a new kind of line gets a check of its own.
 """
 
 import ast
@@ -35,21 +35,22 @@ except ModuleNotFoundError:  # Python 3.10
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 GO1 = ROOT / "examples" / "go1"
-FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)  # in tabs they are indented
-SHELLS = {"sh", "bash", "shell", "console"}
+FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)  # in lists they are indented
 SHELL = {"cd", "git", "export", "source", "mkdir", "cp", "ls", "cat", "tar", "scp", "ssh", "."}
 # Run as they stand, in a folder that holds the files of ``workplace``; everything else is only parsed.
-QUICK = {("robot", "show"), ("robot", "list"), ("motor", "show"), ("motor", "envelope"), ("replay",)}
-LEARNING = ("sprintlab.training", "sprintlab.integrations")
+QUICK = ("robot show", "robot list", "motor show", "motor envelope", "replay")
+GUESTS = {
+    "newton": "newton",
+    "isaaclab": "isaaclab",
+    "playground": "jax",
+    "mjlab": "mjlab",
+    "rsl_rl": "torch",
+}
+"""What a module of ``sprintlab.integrations`` needs beyond the base package."""
 
 
-def shell_lines():
-    """``(page, command words)`` of every command line in the pages."""
-    for page in PAGES:
-        for language, body in FENCE.findall(page.read_text(encoding="utf-8")):
-            if language in SHELLS:
-                for line in re.sub(r"\\\n\s*", " ", textwrap.dedent(body)).splitlines():
-                    yield from ((page, words) for words in commands_in(line))
+def blocks(page, *languages):
+    return [body for language, body in FENCE.findall(page.read_text("utf-8")) if language in languages]
 
 
 def commands_in(line):
@@ -70,7 +71,15 @@ def commands_in(line):
             command.append(word)
 
 
-LINES = list(dict.fromkeys(shell_lines()))
+LINES = list(
+    dict.fromkeys(
+        (page, words)
+        for page in PAGES
+        for block in blocks(page, "sh", "bash", "console")
+        for line in re.sub(r"\\\n\s*", " ", textwrap.dedent(block)).splitlines()
+        for words in commands_in(line)
+    )
+)
 
 
 def identity(value):
@@ -79,44 +88,30 @@ def identity(value):
 
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
-    """A folder with what the pages take for granted: a motor, a policy, the run that they name."""
+    """A folder with what the pages take for granted: a motor, a policy, a robot, the runs that they name."""
     folder = tmp_path_factory.mktemp("docs")
     motors = load_robot("bp2").motors
     hip = {item.name: float(np.ravel(getattr(motors, item.name))[1]) for item in fields(motors)}
     save_motor(PmsmParameters(**hip), folder / "my-motor.toml")
     shutil.copy(shipped_policy(), folder / "my-policy.onnx")
-    count = 100
-    standing = np.zeros((count, 23))
-    standing[:, 2], standing[:, 3] = 0.5, 1.0
-    joints = {name: np.zeros((count, 12)) for name in ("joint_velocity", "motor_torque", "joint_torque")}
-    limits = {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
-    plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
-    arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
-    (folder / "runs" / "sprint-0").mkdir(parents=True)
-    (folder / "runs" / "sprint-0" / "run.toml").write_text('method = "acs"\n', encoding="utf-8")
     (folder / "examples").symlink_to(GO1.parent)
-    import_robot(GO1 / "go1.xml", go1_choices(), folder / "robots")
-    for name in named_runs():
-        (folder / name).mkdir(parents=True)
-        for file in ("trajectory.npz", "profile.npz"):
-            np.savez(folder / name / file, **arrays)
-    np.savez(folder / "lap.npz", **arrays)
+    choices = {**read_choices(GO1 / "choices.toml"), "name": "mydog"}
+    import_robot(GO1 / "go1.xml", make_choices(choices, "choices.toml"), folder / "robots")
+    for run in {match for _, words in LINES for match in re.findall(r"runs/race-[\d-]+", " ".join(words))}:
+        (folder / run).mkdir(parents=True)
+        np.savez(folder / run / "trajectory.npz", **standing_still())
+    np.savez(folder / "lap.npz", **standing_still())
     return folder
 
 
-def go1_choices():
-    """The tutorial's choices, as ``sprintlab robot new`` reads them."""
-    return make_choices({**read_choices(GO1 / "choices.toml"), "name": "mydog"}, "choices.toml")
-
-
-def named_runs():
-    """Folders of races that the pages name."""
-    return {match for _, words in LINES for match in re.findall(r"runs/race-[\d-]+", " ".join(words))}
-
-
-def test_pages_hold_commands():
-    assert len(LINES) > 15
-    assert {words[0] for _, words in LINES} >= {"sprintlab", "make", "pip"}
+def standing_still(count=100):
+    """A recording of a robot at rest."""
+    posture = np.zeros((count, 23))
+    posture[:, 2:4] = 0.5, 1.0
+    joints = {name: np.zeros((count, 12)) for name in ("joint_velocity", "motor_torque", "joint_torque")}
+    limits = {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
+    plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
+    return {"time": np.arange(count) / 500.0, "qpos": posture, **joints, **limits, **plane}
 
 
 @pytest.mark.parametrize(("page", "words"), LINES, ids=identity)
@@ -126,112 +121,61 @@ def test_command_of_the_pages_works(page, words, workplace, monkeypatch):
     if program == "sprintlab":
         check_sprintlab(arguments)
     elif program in ("pip", "uv"):
-        check_install(arguments)
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+        for extras in re.findall(r"\[([\w,-]+)\]", " ".join(arguments)):
+            assert set(extras.split(",")) <= set(project["optional-dependencies"])
     elif program == "make":
-        check_make(arguments)
+        subprocess.run(["make", "--dry-run", *arguments], cwd=ROOT, capture_output=True, check=True)
     elif program.startswith("python"):
         check_python(arguments)
     else:
         assert program in SHELL, f"{page.name}: no test knows what to do with: {' '.join(words)}"
 
 
-def mentioned():
-    """Commands with options in running text: ``(command words, options)``."""
-    for page in (*PAGES, ROOT / "src/sprintlab/robots/README.md"):
-        for line in re.findall(r"`sprintlab ([a-z][^`]*)`", page.read_text(encoding="utf-8")):
-            words = line.split()
-            command = words[: 2 if words[0] in ("motor", "robot") else 1]
-            yield tuple(command), tuple(word for word in words if word.startswith("--"))
-
-
-@pytest.mark.parametrize(("command", "options"), sorted(set(mentioned())))
-def test_commands_that_the_text_mentions_have_those_options(command, options):
-    with redirect_stdout(io.StringIO()) as output, pytest.raises(SystemExit):
-        main([*command, "--help"])
-    assert all(re.search(rf"{option}\b", output.getvalue()) for option in options), options
-
-
 def check_sprintlab(arguments):
-    if any(arguments[: len(quick)] == list(quick) for quick in QUICK):
+    if " ".join(arguments).startswith(QUICK):
         with redirect_stdout(io.StringIO()) as output:
             assert main(arguments) == 0
         assert output.getvalue().strip()
+    elif "--help" in arguments:
+        assert help_text(arguments)
     elif not arguments[0].startswith("--"):
-        parsed = []
-        assert parses(lambda: parsed.append(parse(arguments)[1]))
-        if arguments[:1] == ["train"] and parsed:
-            check_training(parsed[0])
+        _, given = parse(arguments)
+        if arguments[0] == "train" and importlib.util.find_spec("torch"):
+            from sprintlab.training.methods import method
+            from sprintlab.training.settings_text import with_changes
 
-
-def check_training(given):
-    """The settings that are changed have these names and may hold these values."""
-    if importlib.util.find_spec("torch") is None:
-        pytest.skip("needs the extra train")
-    from sprintlab.training.methods import method
-    from sprintlab.training.settings_text import with_changes
-
-    base = method(given["method"] or "acs", robot=given["robot"] or "bp2", preset=given["preset"])
-    with_changes(base, given["set"])
-
-
-def parses(action):
-    """Whether a parser takes its arguments; printing help counts."""
-    try:
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            action()
-    except SystemExit as stop:
-        return stop.code in (0, None)
-    return True
-
-
-def check_install(arguments):
-    """The extras exist."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
-    for wanted in re.findall(r"\[([\w,-]+)\]", " ".join(arguments)):
-        assert set(wanted.split(",")) <= set(extras)
-
-
-def check_make(arguments):
-    """The Makefile knows the targets."""
-    command = ["make", "--dry-run", "--always-make", *arguments]
-    assert subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+            base = method(given["method"] or "acs", robot=given["robot"] or "bp2", preset=given["preset"])
+            with_changes(base, given["set"])
 
 
 def check_python(arguments):
     """The script or module is there and names each option."""
-    if arguments[:1] == ["-m"]:
-        module = arguments[1]
-        if not module.startswith("sprintlab"):
-            return
-        spec = importlib.util.find_spec(module)
-        assert spec is not None and spec.origin is not None
-        source = Path(spec.origin)
-    else:
+    if arguments[0] != "-m":
         source = next(path for path in (ROOT / arguments[0], Path(arguments[0])) if path.is_file())
-    text = source.read_text(encoding="utf-8")
-    for option in (word for word in arguments if word.startswith("--")):
-        name = option.split("=")[0].removeprefix("--")
-        assert name in text or name.replace("-", "_") in text, f"{source.name} does not know --{name}"
+    elif arguments[1].startswith("sprintlab"):
+        source = Path(importlib.util.find_spec(arguments[1]).origin)
+    else:
+        return
+    text = source.read_text("utf-8")
+    for option in (word.split("=")[0].removeprefix("--") for word in arguments if word.startswith("--")):
+        assert option in text or option.replace("-", "_") in text, f"{source.name} does not know --{option}"
 
 
 def inline_commands():
     """``sprintlab ...`` in the running text and in tables, where placeholders stand for arguments."""
-    for page in PAGES:
-        text = FENCE.sub("", page.read_text(encoding="utf-8"))
-        for code in re.findall(r"`(sprintlab [^`]+)`", text):
+    for page in (*PAGES, ROOT / "src/sprintlab/robots/README.md"):
+        for code in re.findall(r"`(sprintlab [^`]+)`", FENCE.sub("", page.read_text("utf-8"))):
             yield pytest.param(code.split()[1:], id=f"{page.name}: {code}")
 
 
 @pytest.mark.parametrize("words", list(inline_commands()))
 def test_command_in_the_text_exists(words):
     names = list(itertools.takewhile(lambda word: re.fullmatch(r"[a-z][a-z-]*", word), words))
-    options = {word.split("=")[0] for word in words if word.startswith("--")}
     text = help_text(names[:2]) or help_text(names[:1])
     assert text, f"there is no sprintlab {' '.join(names)}"
-    for option in options - {"--tyro-print-completion"}:
-        assert option in text, f"no {option} in: {' '.join(words)}"
+    for option in {word.split("=")[0] for word in words if word.startswith("--")}:
+        assert option in text or option == "--tyro-print-completion", f"no {option} in: {' '.join(words)}"
 
 
 def help_text(names):
@@ -244,45 +188,31 @@ def help_text(names):
     return ""
 
 
-# --- Python blocks ------------------------------------------------------------------------------------------
+PYTHON = [
+    pytest.param(block, id=f"{page.name}-{number}")
+    for page in PAGES
+    for number, block in enumerate(blocks(page, "python"))
+]
 
 
-def python_blocks():
-    for page in PAGES:
-        for number, (language, body) in enumerate(FENCE.findall(page.read_text(encoding="utf-8"))):
-            if language == "python":
-                yield pytest.param(body, id=f"{page.name}-{number}")
-
-
-GUESTS = {
-    f"sprintlab.integrations.{name}": package
-    for name, package in {"newton": "newton", "isaaclab": "isaaclab", "playground": "jax"}.items()
-}
-"""Modules that need packages which the development install does not bring."""
-
-
-@pytest.mark.parametrize("block", list(python_blocks()))
+@pytest.mark.parametrize("block", PYTHON)
 def test_python_of_the_pages_imports_what_exists(block):
     for node in ast.walk(ast.parse(block)):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sprintlab"):
-            if (node.module or "").startswith(LEARNING) and importlib.util.find_spec("torch") is None:
-                continue
-            guest = GUESTS.get(node.module or "")
-            if guest is not None and importlib.util.find_spec(guest) is None:
-                continue
-            module = importlib.import_module(node.module)
-            for alias in node.names:
-                assert hasattr(module, alias.name) or importlib.util.find_spec(
-                    f"{node.module}.{alias.name}"
-                ), f"{node.module} has no {alias.name}"
+        if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("sprintlab"):
+            continue
+        guest = GUESTS.get(node.module.removeprefix("sprintlab.integrations."), "json")
+        if importlib.util.find_spec("torch" if ".training" in node.module else guest) is None:
+            continue
+        module = importlib.import_module(node.module)
+        for alias in node.names:
+            known = hasattr(module, alias.name) or importlib.util.find_spec(f"{node.module}.{alias.name}")
+            assert known, f"{node.module} has no {alias.name}"
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/motors.md", "docs/train.md"])
-def test_python_of_the_pages_runs(page, workplace, monkeypatch, capsys):
+def test_python_of_the_pages_runs(page, workplace, monkeypatch):
     monkeypatch.chdir(workplace)
-    blocks = [
-        body for language, body in FENCE.findall((ROOT / page).read_text("utf-8")) if language == "python"
-    ]
-    assert blocks
-    for block in blocks:
+    found = blocks(ROOT / page, "python")
+    assert found
+    for block in found:
         exec(compile(block, page, "exec"), {"__name__": "example"})

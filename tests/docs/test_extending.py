@@ -3,14 +3,20 @@
 import re
 import sys
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sprintlab.commands import CommandStep, check_schedule, initial_state
+from sprintlab.control import OBSERVABLES
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.plant import BlindRecorder
+from sprintlab.robots import load_robot, robot_names
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
-LONGEST = 40  # lines
 
 
 def examples():
@@ -31,12 +37,6 @@ def example(tmp_path, monkeypatch):
     return run
 
 
-def test_the_examples_are_short():
-    names = ["A motor law", "A command schedule", "A reward term", "An observation", "A robot"]
-    assert list(examples()) == names
-    assert max(len(code.splitlines()) for code in examples().values()) < LONGEST
-
-
 def test_power_limited_drive(example):
     names = example("A motor law")
     robot, given = names["robot"], names["given"]
@@ -47,22 +47,10 @@ def test_power_limited_drive(example):
     for speed in (-30.0, 0.0, 25.0):
         assert_allclose(roomy.limits(np.full(12, speed)), refined.limits(np.full(12, speed)))
     assert refined(np.full(12, 200.0), np.full(12, 20.0)).motor_torque.max() * 120.0 > 1500.0
-    names["plant"].advance(robot.default_pose, 5, _Idle())
-
-
-class _Idle:
-    """A recorder that keeps nothing."""
-
-    def sample(self, data, drive, targets):
-        pass
-
-    def watch_step(self, data):
-        pass
+    names["plant"].advance(robot.default_pose, 5, BlindRecorder())
 
 
 def test_staircase_climbs_to_its_target(example):
-    from sprintlab.commands import CommandStep, initial_state
-
     schedule = example("A command schedule")["StaircaseSchedule"]()
     count, random = 64, np.random.default_rng(0)
     state, before = initial_state(count, np.zeros(count)), np.zeros(count)
@@ -97,93 +85,48 @@ def test_reward_term_stands_in_the_run(example):
 
 
 def test_an_observation_is_in_the_frame(example, monkeypatch):
-    from sprintlab.control import OBSERVABLES
-
     monkeypatch.setitem(OBSERVABLES, "turn", None)  # what the example puts there goes with the test
     assert example("An observation")["settings"].observation.for_joints(12).frame_size == 46
 
 
 def test_long_shank_is_a_robot(example):
-    from sprintlab.robots import load_robot, robot_names
-
     names = example("A robot")
     assert "longshank" in robot_names()
     assert names["robot"].standing_height > load_robot("bp2").standing_height
     assert names["model"].nu == 12
 
 
-def _through(settings, folder):
-    """Train an iteration, export, race a step; returns the result and the settings as they were kept."""
-    from dataclasses import replace
-
+@pytest.mark.slow
+@pytest.mark.usefixtures("brief_trials")
+@pytest.mark.parametrize("heading", ["A command schedule", "A reward term", "A robot"])
+def test_what_is_ones_own_trains_exports_and_races(heading, example, tmp_path, monkeypatch):
+    pytest.importorskip("torch")
     from sprintlab.api.evaluations import protocol_settings
     from sprintlab.api.training import train
     from sprintlab.evaluation.race import evaluate_race
-    from sprintlab.robots import load_robot
     from sprintlab.training.runs.checkpoint import read_checkpoint
-
-    tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
-    settings = replace(settings, ppo=tiny)
-    trained = train(
-        settings,
-        output=folder / "run",
-        iterations=1,
-        environments=2,
-        device="cpu",
-        fused=False,
-        plain=True,
-    )
-    result = evaluate_race(
-        trained.policy,
-        load_robot(settings.robot),
-        top_speed=0.5,
-        distance=0.05,
-        settings=protocol_settings(1, 0),
-        workers=1,
-    )
-    return result, read_checkpoint(trained.checkpoint)
-
-
-def _training():
-    pytest.importorskip("mujoco_warp")
     from sprintlab.training.settings import TrainingSettings
 
-    return TrainingSettings
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials")
-def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
-    names = example("A command schedule")
+    names = example(heading)
     monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
-    result, kept = _through(_training()(schedule=names["StaircaseSchedule"]()), tmp_path)
-    assert result.robot == "bp2" and kept["settings"].schedule == names["StaircaseSchedule"]()
+    settings = {
+        "A command schedule": lambda: TrainingSettings(schedule=names["StaircaseSchedule"]()),
+        "A reward term": lambda: names["settings"],
+        "A robot": lambda: TrainingSettings(robot="longshank"),
+    }[heading]()
+    tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
+    options = {"iterations": 1, "environments": 2, "device": "cpu", "fused": False, "plain": True}
+    trained = train(replace(settings, ppo=tiny), output=tmp_path / "run", **options)
+    kept = read_checkpoint(trained.checkpoint)
+    assert replace(kept["settings"], ppo=settings.ppo).schedule == settings.schedule
+    assert kept["settings"].reward == settings.reward
+    assert set(f"reward/{name}" for name in settings.reward) <= set(kept["progress"].log[0])
+    robot, brief = load_robot(settings.robot), protocol_settings(1, 0)
+    result = evaluate_race(trained.policy, robot, top_speed=0.5, distance=0.05, settings=brief, workers=1)
+    assert result.robot == settings.robot
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials")
-def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
-    _training()
-    names = example("A reward term")
-    monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
-    result, kept = _through(names["settings"], tmp_path)
-    assert result.robot == "bp2"
-    assert "reward/sideways_velocity" in kept["progress"].log[0]
-    assert kept["settings"].reward["sideways_velocity"].weights == (-0.5, -2.0)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("brief_trials")
-def test_a_robot_of_ones_own_trains_exports_and_races(example, tmp_path):
-    example("A robot")
-    result, kept = _through(_training()(robot="longshank"), tmp_path)
-    assert result.robot == kept["settings"].robot == "longshank"
-
-
-def test_a_schedule_that_lacks_something_is_refused_before_the_training(tmp_path):
-    from sprintlab.commands import check_schedule
-    from sprintlab.core.errors import InvalidValueError
-
+def test_a_schedule_that_lacks_something_is_refused():
     class Old:
         targets = None
 

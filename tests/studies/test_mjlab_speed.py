@@ -135,13 +135,15 @@ def test_the_data_sheets_motor_in_mjlab_is_the_line_in_the_plant():
 
 
 @pytest.mark.slow
-def test_finished_runs_are_packed_judged_and_make_a_page(trained, tmp_path):
+def test_runs_are_packed_judged_and_make_a_page(trained, tmp_path, capsys):
     _, _, path = trained
     folder = tmp_path / "work" / "refined-1"
     folder.mkdir(parents=True)
     (folder / "policy.npz").write_bytes(path.read_bytes())
-    work = ["--work", str(tmp_path / "work"), "--actuators", "refined", "--seeds", "1", "--iterations", "2"]
-    main(["train", "--output", str(tmp_path / "results"), *work])
+    work = ["--work", str(tmp_path / "work"), "--actuators", "refined", "--seeds", "1", "--minutes", "0"]
+    for iterations, left in (("3", "refined-1 from iteration 2"), ("2", "nothing")):
+        main(["train", "--output", str(tmp_path / "results"), *work, "--iterations", iterations])
+        assert capsys.readouterr().out == f"left: {left}\n"
     main(["judge", str(tmp_path / "results"), "--commands", "1", "--trials", "1", "--jobs", "1"])
     found = json.loads((tmp_path / "results" / "refined-1" / "result.json").read_text())
     assert [trial["law"] for trial in found["trials"]] == ["refined"]
