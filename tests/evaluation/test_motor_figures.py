@@ -1,15 +1,15 @@
-"""The picture of a motor's envelopes: closed where the voltage ends, labels inside."""
+"""The picture of a motor's envelopes."""
 
 import numpy as np
 import pytest
 
-from sprintlab.evaluation.motor_figures import LABELS, workbench_figure
+from sprintlab.evaluation.motor_figures import LABELS, envelope_outline, workbench_figure
 from sprintlab.motors import Gear, PmsmParameters
 from sprintlab.motors.chart import JointDrive
 
 
-@pytest.fixture(params=[310.0, 12.0])
-def drive(request):
+@pytest.mark.parametrize("bus_voltage", [310.0, 12.0])
+def test_every_envelope_is_a_closed_curve_in_the_picture(bus_voltage):
     """A servo on the bus it was made for, and on one that gives a quarter of its torque."""
     motor = PmsmParameters(
         pole_pairs=4,
@@ -20,23 +20,10 @@ def drive(request):
         saturation=0.19,
         rotor_inertia=1.8e-4,
     )
-    return JointDrive(motor=motor, gear=Gear(ratio=1.0, efficiency=1.0), bus_voltage=request.param)
-
-
-def curves(axis, model):
-    """Upper and lower end of an envelope as drawn."""
-    labels = [line.get_label() for line in axis.get_lines()]
-    first = labels.index(LABELS[model])
-    return [np.column_stack(axis.get_lines()[index].get_data()).T for index in (first, first + 1)]
-
-
-@pytest.mark.parametrize("model", ["refined", "simplified-dc", "flux-weakening", "square"])
-def test_an_envelope_closes_unless_it_leaves_the_picture(drive, model):
-    figure = workbench_figure(drive, "servo")
-    axis = figure.axes[0]
-    upper, lower = curves(axis, model)
-    assert np.isfinite(upper).all()
-    assert np.isfinite(lower).all()
-    right = axis.get_xlim()[1]
-    gap = abs(upper[1, -1] - lower[1, -1]) / (2.0 * drive.peak_torque)
-    assert upper[0, -1] == pytest.approx(right) or gap < 1e-3
+    drive = JointDrive(motor=motor, gear=Gear(ratio=1.0, efficiency=1.0), bus_voltage=bus_voltage)
+    drawn = {line.get_label() for line in workbench_figure(drive, "servo").axes[0].get_lines()}
+    for name, label in LABELS.items():
+        speed, torque = envelope_outline(drive, name)
+        assert label in drawn and np.isfinite(speed).all() and np.isfinite(torque).all()
+        assert (speed[0], torque[0]) == (speed[-1], torque[-1])
+        assert 0.0 < torque.max() <= drive.peak_torque + 1e-9 and speed.max() > 0.6 * drive.no_load_speed

@@ -1,4 +1,4 @@
-"""The search for the highest speed, the pool of workers and the step-size check."""
+"""The search for the highest speed and the pool of workers."""
 
 import hashlib
 import os
@@ -22,11 +22,9 @@ from sprintlab.evaluation.protocol import (
     run_protocol,
     run_speed,
     search_speeds,
-    step_size_requests,
 )
 from sprintlab.evaluation.race import find_top_speed
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
-from sprintlab.plant import PlantOptions
 
 SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5, plant=COARSE)
 
@@ -176,13 +174,6 @@ def test_an_error_in_a_worker_arrives_as_it_was(make_policy, robot, two_workers)
         pytest.raises(SimulationError, match="seed 0"),
     ):
         run_speed(pool, 0.5, self_paced=False, settings=SHORT)
-
-
-def test_the_step_size_check_compares_the_same_trial():
-    coarse, fine = step_size_requests(0.5, PlantOptions(), hold=0.5)
-    assert (coarse.plant.timestep, fine.plant.timestep) == (0.0005, 0.00025)
-    assert replace(coarse, plant=fine.plant) == fine
-    assert coarse.plant.contact_time_constant >= 2.0 * coarse.plant.timestep
 
 
 @pytest.mark.parametrize("values", [{"required": 11}, {"start": 3.0, "top": 2.0}])

@@ -110,7 +110,6 @@ def race(
     engine: Literal["mujoco", "drake", "both"] = "mujoco",
     trials: int = 3,
     seed: int = 0,
-    step_check: bool = False,
     output: Path | str | None = None,
     report: bool = False,
     video: bool = False,
@@ -129,7 +128,6 @@ def race(
             and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
-        step_check: also compare 1 ms with 0.25 ms simulation steps.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
         report: whether a report is written; always with output.
         video: whether the report has an MP4, too.
@@ -166,7 +164,6 @@ def race(
             top_speed=top_speed,
             distance=distance,
             settings=settings,
-            step_check=step_check,
             second_engine="drake" if both else None,
             workers=workers,
             progress=progress,

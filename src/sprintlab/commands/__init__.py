@@ -39,4 +39,5 @@ from sprintlab.commands.track import KERB_DISTANCE as KERB_DISTANCE
 from sprintlab.commands.track import LANE_WIDTH as LANE_WIDTH
 from sprintlab.commands.track import PathPoint as PathPoint
 from sprintlab.commands.track import Track as Track
+from sprintlab.commands.track import along_track as along_track
 from sprintlab.commands.track import path_yaw_rate as path_yaw_rate

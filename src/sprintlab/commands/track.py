@@ -6,8 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from sprintlab.commands.heading import heading_command, wrap_angle
 from sprintlab.commands.state import limit_yaw_rate
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive, check_range
 
 KERB_DISTANCE = 0.30
@@ -85,6 +88,18 @@ class Track:
             direction + angle,
             1.0 / self.radius,
         )
+
+
+def along_track(track: Track, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance run along a track [m] and offset from its line [m] of a recorded base, both ``(T,)``.
+
+    Args:
+        track: its start is where and in the direction along x in which the recording begins.
+        qpos: ``(T, 2 or more)`` positions of the base first [m]; the distance goes on over the start line.
+    """
+    points = [track.locate(x, y) for x, y in (qpos[:, :2] - qpos[0, :2]).tolist()]
+    progress = np.unwrap([point.progress for point in points], period=track.length)
+    return progress, np.array([point.offset for point in points])
 
 
 def path_yaw_rate(point: PathPoint, heading: float, speed: float, *, friction: float = 0.7) -> float:

@@ -33,29 +33,18 @@ _ROUNDING = 1e-9  # relative: ten samples of 2 ms are 20 ms
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One line of the audit.
-
-    Attributes:
-        name: what the line is called.
-        unit: the one of value and limit, ``""`` for a ratio.
-        value: from a trial and the policy's rate [Hz]: the trial's worst.
-        limit: in the same unit; for a stance in policy periods.
-        note: why it is asked.
-        source: where the limit comes from.
-        at_least: whether the limit bounds from below.
-        tolerance: by which share of the limit the worst trial may miss it; ``inf``: the median alone counts.
-        names_foot: whether the foot of the worst trial that stands least is named.
-    """
+    """One line of the audit."""
 
     name: str
-    unit: str = ""
-    value: Callable[[TrialMetrics, float], float]
-    limit: float
-    note: str
-    source: str
-    at_least: bool = False
-    tolerance: float = TOLERANCE
-    names_foot: bool = False
+    unit: str = ""  # of value and limit, empty for a ratio
+    value: Callable[[TrialMetrics, float], float]  # from a trial and the policy's rate [Hz]: its worst
+    limit: float  # for a stance in policy periods
+    note: str  # why it is asked
+    source: str  # where the limit comes from
+    at_least: bool = False  # whether the limit bounds from below
+    tolerance: float = TOLERANCE  # by which share of the limit the worst trial may miss it; inf: the median
+    # alone counts
+    names_foot: bool = False  # whether the foot of the worst trial that stands least is named
 
     def item(self, trials: Sequence[TrialMetrics], rate: float) -> AuditItem:
         """The median and the worst of the trials against the limit; ``rate`` of the policy [Hz]."""
@@ -179,9 +168,7 @@ def audit_trials(trials: Sequence[TrialMetrics], policy_rate: float = POLICY_RAT
 def with_clock_loss(report: AuditReport, loss: float) -> AuditReport:
     """The audit of a gait that is timed by the policy's clock, once other clocks have told what that costs.
 
-    Args:
-        report: with the line on the stride's period.
-        loss: share of the held speed that the worst other clock costs; 1 where a trial failed there.
+    ``loss`` is the share of the held speed that the worst other clock costs; 1 where a trial failed there.
     """
     item = AuditItem(
         name=CLOCK_LOSS_ITEM,

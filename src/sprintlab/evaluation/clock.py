@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,36 +15,25 @@ from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.results import TrialResult
 
-CLOCKS = (
-    PolicyClock(),
-    PolicyClock(rate=48.0),
-    PolicyClock(rate=52.0),
-    PolicyClock(jitter=0.1),
-)
+CLOCKS = (PolicyClock(), PolicyClock(rate=48.0), PolicyClock(rate=52.0), PolicyClock(jitter=0.1))
 """The policy's own clock, a slower and a faster one, and an unsteady one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockTrials:
-    """The seeded trials of one v* with one clock.
-
-    Attributes:
-        clock: the policy's.
-        trials: how many ran.
-        completed: how many did not fall and came to rest.
-        held_speed: mean over those [m/s]; this and the following are ``nan`` without one.
-        stride_frequency: median [Hz].
-        stride_steps: the same as policy steps a stride.
-        clock_distance: how far the stride is from a whole number of policy steps, median over the trials.
-    """
+    """The seeded trials of one v* with one clock; means and medians are ``nan`` where none completed."""
 
     clock: PolicyClock
-    trials: int
-    completed: int
-    held_speed: float
-    stride_frequency: float
-    stride_steps: float
-    clock_distance: float
+    trials: int  # how many ran
+    completed: int  # how many did not fall and came to rest
+    held_speed: float  # mean over those [m/s]
+    stride_frequency: float  # median [Hz]
+    clock_distance: float  # of the stride from a whole number of policy steps, median [policy steps]
+
+    @property
+    def stride_steps(self) -> float:
+        """Policy steps per stride."""
+        return self.clock.rate / self.stride_frequency
 
     @property
     def locked(self) -> bool:
@@ -69,8 +59,7 @@ class ClockCheck:
         if len({item.clock.rate for item in steady}) < 2:
             return math.nan
         rates, frequencies = np.log([(item.clock.rate, item.stride_frequency) for item in steady]).T
-        centred = rates - rates.mean()
-        return float(centred @ frequencies / (centred @ centred))
+        return float(np.polyfit(rates, frequencies, 1)[0])
 
     @property
     def greatest_loss(self) -> float:
@@ -92,16 +81,13 @@ def check_clock(
     settings: ProtocolSettings | None = None,
     own: Sequence[TrialResult] | None = None,
 ) -> ClockCheck:
-    """Run the protocol's seeded trials at v* (raw command) with each clock.
+    """Run the protocol's seeded trials at v* (raw command) with each clock; errors as in ``run_trial``.
 
     Args:
         pool: policy, robot and processes.
         top_speed: v* [m/s].
         settings: seeds, number of trials, plant.
         own: the trials with the policy's own clock, where they have run.
-
-    Raises:
-        SimulationError: as ``run_trial``.
     """
     requests = (settings or ProtocolSettings()).requests(top_speed, self_paced=False)
     found = [] if own is None else [clock_trials(CLOCKS[0], own)]
@@ -114,20 +100,18 @@ def check_clock(
 def clock_trials(clock: PolicyClock, trials: Sequence[TrialResult]) -> ClockTrials:
     """Summarize trials that ran with one clock."""
     done = [trial.metrics for trial in trials if trial.completed]
-    frequencies = _known(metrics.stride_frequency for metrics in done)
-    frequency = float(np.median(frequencies)) if frequencies else math.nan
-    distances = [clock_distance(value, clock.rate) for value in frequencies]
-    held = _known(metrics.held_speed for metrics in done)
+    frequencies = [metrics.stride_frequency for metrics in done]
     return ClockTrials(
         clock=clock,
         trials=len(trials),
         completed=len(done),
-        held_speed=float(np.mean(held)) if held else math.nan,
-        stride_frequency=frequency,
-        stride_steps=clock.rate / frequency if frequency else math.nan,
-        clock_distance=float(np.median(distances)) if distances else math.nan,
+        held_speed=_of_known(np.mean, [metrics.held_speed for metrics in done]),
+        stride_frequency=_of_known(np.median, frequencies),
+        clock_distance=_of_known(np.median, (clock_distance(value, clock.rate) for value in frequencies)),
     )
 
 
-def _known(values: Iterable[float]) -> list[float]:
-    return [value for value in values if math.isfinite(value)]
+def _of_known(summarize: Callable[[list[float]], Any], values: Iterable[float]) -> float:
+    """Mean or median of the finite values; ``nan`` without one."""
+    known = [value for value in values if math.isfinite(value)]
+    return float(summarize(known)) if known else math.nan

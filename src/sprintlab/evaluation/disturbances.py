@@ -30,16 +30,12 @@ class PolicyClock:
 
     The policy does not know: its filters and its history go on as if every period were 20 ms.
 
-    Attributes:
-        rate: mean rate [Hz].
-        jitter: half-width of the uniform draw of each period, as a share of the period, 0 to 0.5.
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    rate: float = POLICY_RATE_HZ
-    jitter: float = 0.0
+    rate: float = POLICY_RATE_HZ  # mean [Hz]
+    jitter: float = 0.0  # half-width of the uniform draw of each period, as a share of the period, to 0.5
 
     def __post_init__(self) -> None:
         check_range("clock.rate", self.rate, 10.0, 250.0, "Hz")
@@ -49,13 +45,9 @@ class PolicyClock:
         return f"{self.rate:g} Hz" + (f" ± {100 * self.jitter:g} % each period" if self.jitter else "")
 
     def periods(self, motor_rate: float, seed: int) -> Iterator[int]:
-        """Motor steps from each action to the next, without end.
+        """Motor steps, at ``motor_rate`` [Hz], from each action to the next, without end.
 
         Ticks fall on motor steps; what is rounded away at one tick is made up for at the next.
-
-        Args:
-            motor_rate: rate of the motor loop [Hz].
-            seed: decides the jitter.
         """
         random = np.random.default_rng((seed, 2))
         due, passed = 0.0, 0
@@ -67,17 +59,10 @@ class PolicyClock:
 
 
 class Disturbances:
-    """The disturbances of one trial; without any, everything passes through unchanged.
-
-    Args:
-        robot: for the number of joints.
-        settings: what is disturbed how much; its seed decides the draws.
-        motor_rate: rate of the motor loop [Hz].
-    """
+    """The disturbances of one trial at a motor rate [Hz]; without any, everything passes unchanged."""
 
     def __init__(self, robot: RobotDescription, settings: TrialSettings, motor_rate: float) -> None:
-        self._settings = settings
-        self._motor_rate = motor_rate
+        self._settings, self._motor_rate = settings, motor_rate
         self._delay = round(settings.delay * motor_rate)
         draws = np.random.SeedSequence((settings.seed, 3)).spawn(3)
         offsets, self._noise, self._pushes = (np.random.default_rng(draw) for draw in draws)
@@ -91,12 +76,9 @@ class Disturbances:
         scale = self._settings.sensor_noise
         if not scale:
             return measurement
-        return Measurement(
-            *(
-                value + self._noise.uniform(-scale, scale, np.shape(value)) * width
-                for value, width in zip(measurement, SENSOR_NOISE, strict=True)
-            )
-        )
+        pairs = zip(measurement, SENSOR_NOISE, strict=True)
+        noise = self._noise
+        return Measurement(*(a + noise.uniform(-scale, scale, np.shape(a)) * width for a, width in pairs))
 
     def delivered(self, targets: FloatArray, steps: int) -> Iterator[tuple[FloatArray, int]]:
         """Joint targets and for how many motor steps the drives follow them, over one policy period.
@@ -108,8 +90,8 @@ class Disturbances:
             steps: motor steps of the period.
         """
         fresh = targets - self._offset
-        late = min(self._delay, steps) if self._held is not None else 0
-        if late and self._held is not None:
+        late = 0
+        if self._held is not None and (late := min(self._delay, steps)):
             yield self._held, late
         if steps > late:
             yield fresh, steps - late

@@ -14,9 +14,6 @@ from sprintlab.evaluation.results import EstimateBand, Trajectory
 BAND_WIDTH = 2.0
 """Width of a speed band [m/s]."""
 
-CONTACT_PROBABILITY = 0.5
-"""A foot with a higher estimated probability counts as on the ground."""
-
 ESTIMATE_COLUMNS = (
     "speed [m/s]",
     "policy steps",
@@ -38,11 +35,10 @@ def estimate_bands(trajectory: Trajectory) -> tuple[EstimateBand, ...]:
     renewed = slice(None, None, max(1, round(rate / POLICY_RATE_HZ)))
     estimate = np.asarray(trajectory.estimate[renewed], dtype=float)
     velocity = body_velocity(trajectory.qpos[renewed, 3:7], trajectory.qvel[renewed, :3])
-    truth = np.column_stack((velocity, trajectory.height[renewed], trajectory.foot_contact[renewed]))
+    error = estimate[:, :4] - np.column_stack((velocity, trajectory.height[renewed]))
+    right = (estimate[:, 4:] > 0.5) == trajectory.foot_contact[renewed]
     band = np.floor(np.maximum(trajectory.velocity[renewed, 0], 0.0) / BAND_WIDTH).astype(int)
-    return tuple(
-        _band(index, estimate[band == index], truth[band == index]) for index in np.unique(band).tolist()
-    )
+    return tuple(_band(i * BAND_WIDTH, error[band == i], right[band == i]) for i in np.unique(band).tolist())
 
 
 def body_velocity(quaternion: FloatArray, velocity: FloatArray) -> FloatArray:
@@ -53,18 +49,17 @@ def body_velocity(quaternion: FloatArray, velocity: FloatArray) -> FloatArray:
     return velocity - 2.0 * w * cross + 2.0 * np.cross(axis, cross)
 
 
-def _band(index: int, estimate: FloatArray, truth: FloatArray) -> EstimateBand:
-    error = estimate - truth
-    contact = (estimate[:, 4:] > CONTACT_PROBABILITY) == (truth[:, 4:] > 0.5)
+def _band(lower: float, error: FloatArray, right: FloatArray) -> EstimateBand:
+    """Errors of velocity and height ``(n, 4)`` and right contacts ``(n, legs)`` as one band."""
     return EstimateBand(
-        lower=index * BAND_WIDTH,
-        upper=(index + 1) * BAND_WIDTH,
+        lower=lower,
+        upper=lower + BAND_WIDTH,
         samples=len(error),
         forward_bias=float(error[:, 0].mean()),
         forward_error=math.sqrt(float((error[:, 0] ** 2).mean())),
         velocity_error=math.sqrt(float((error[:, :3] ** 2).sum(axis=1).mean())),
         height_error=math.sqrt(float((error[:, 3] ** 2).mean())),
-        contact_accuracy=float(contact.mean()),
+        contact_accuracy=float(right.mean()),
     )
 
 
@@ -88,11 +83,8 @@ def total_band(bands: Sequence[EstimateBand]) -> EstimateBand:
         lower=min(band.lower for band in bands),
         upper=max(band.upper for band in bands),
         samples=sum(weights),
-        forward_bias=mean("forward_bias"),
-        forward_error=mean("forward_error", 2),
-        velocity_error=mean("velocity_error", 2),
-        height_error=mean("height_error", 2),
-        contact_accuracy=mean("contact_accuracy"),
+        **{name: mean(name) for name in ("forward_bias", "contact_accuracy")},
+        **{name: mean(name, 2) for name in ("forward_error", "velocity_error", "height_error")},
     )
 
 
@@ -100,12 +92,6 @@ def estimate_cells(bands: Sequence[EstimateBand]) -> Iterator[tuple[str, ...]]:
     """One row a speed band, and one for all of them, as text under ``ESTIMATE_COLUMNS``."""
     rows = [(f"{band.lower:g} to {band.upper:g}", band) for band in bands]
     for name, band in [*rows, ("all", total_band(bands))] if bands else ():
-        yield (
-            name,
-            str(band.samples),
-            f"{band.forward_bias:+.2f}",
-            f"{band.forward_error:.2f}",
-            f"{band.velocity_error:.2f}",
-            f"{100 * band.height_error:.1f}",
-            f"{100 * band.contact_accuracy:.1f}",
-        )
+        errors = (f"{value:.2f}" for value in (band.forward_error, band.velocity_error))
+        shares = (f"{100 * value:.1f}" for value in (band.height_error, band.contact_accuracy))
+        yield name, str(band.samples), f"{band.forward_bias:+.2f}", *errors, *shares

@@ -16,18 +16,9 @@ from matplotlib.patches import Patch
 
 from sprintlab.core.array_types import Array
 from sprintlab.core.errors import SimulationError
-from sprintlab.core.theme import (
-    LIGHT,
-    Theme,
-    empty_figure,
-    figure_legend,
-    legend_above,
-    set_title,
-    style_axis,
-    themed_figure,
-)
+from sprintlab.core.theme import LIGHT, Theme, figure_legend, legend_above, set_title, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
-from sprintlab.evaluation.metrics import copper_losses, joint_power, stances
+from sprintlab.evaluation.metrics import copper_losses, cost_so_far, joint_power, moving, stances
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
@@ -50,6 +41,11 @@ def recorded(trial: TrialResult) -> Trajectory:
         raise SimulationError("the trial kept no trajectory, so there is nothing to draw")
     require_finite(trial.trajectory)
     return trial.trajectory
+
+
+def draw_curve(axis: Axes, time: Array, values: Array, color: str, **look: Any) -> None:
+    """A curve over time, thinned where it is long."""
+    axis.plot(*thinned_curve(time, values), color=color, **look)
 
 
 def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT) -> Figure:
@@ -126,8 +122,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
 def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
     """Foot contacts over the last second of the hold; the time with no foot down is shaded as flight."""
     trajectory = recorded(trial)
-    figure, axes = themed_figure(theme, (9.5, 3.2), 1, 1)
-    axis = axes[0]
+    figure, (axis,) = themed_figure(theme, (9.5, 3.2), 1, 1)
     end = min(trial.hold_interval[1], float(trajectory.time[-1]))
     window = (trajectory.time >= end - GAIT_WINDOW) & (trajectory.time <= end)
     time, contact = trajectory.time[window], trajectory.foot_contact[window].astype(bool)
@@ -140,9 +135,8 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
     duty = contact.mean(axis=0)
     labels = [f"{name}  {100 * share:.0f} %" for name, share in zip(robot.leg_names, duty, strict=True)]
     axis.set_yticks(rows, labels)
-    axis.set(ylim=(-0.6, rows[0] + 0.6), xlim=(end - GAIT_WINDOW, end))
+    axis.set(ylim=(-0.6, rows[0] + 0.6), xlim=(end - GAIT_WINDOW, end), xlabel="time [s]")
     axis.grid(False, axis="y")
-    axis.set_xlabel("time [s]")
     strides, flying = trial.metrics.stride_frequency, 100 * float(np.mean(flight))
     told = [f"{strides:.1f} strides a second"] if np.isfinite(strides) else []
     told += [f"{flying:.0f} % of the time in flight (shaded)", "left: share of time on the ground"]
@@ -153,26 +147,19 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
 def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
     """Roll and pitch rate of the base, and the cost J that grows with their squares."""
     trajectory = recorded(trial)
+    time, rates = trajectory.time, trajectory.angular_velocity[:, :2]
     figure, axes = themed_figure(theme, (9.5, 6.4), 3, 1, sharex=True)
-    for axis, column, name, colour in (
-        (axes[0], 0, "roll rate", theme.speed),
-        (axes[1], 1, "pitch rate", theme.second),
-    ):
-        curve = thinned_curve(trajectory.time, trajectory.angular_velocity[:, column])
-        axis.plot(*curve, color=colour, linewidth=0.8)
-        axis.set_ylabel(f"{name} [rad/s]")
+    limit = 1.05 * float(np.abs(rates).max() + 1e-6)
+    names = (("roll rate", theme.speed), ("pitch rate", theme.second))
+    for axis, rate, (name, colour) in zip(axes, rates.T, names, strict=False):
+        draw_curve(axis, time, rate, colour, linewidth=0.8)
         axis.axhline(0.0, color=theme.muted, linewidth=0.6)
-    limit = 1.05 * float(np.abs(trajectory.angular_velocity[:, :2]).max() + 1e-6)
-    axes[0].set_ylim(-limit, limit)
-    axes[1].set_ylim(-limit, limit)
-    squares = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
-    steps = 0.5 * (squares[1:] + squares[:-1]) * np.diff(trajectory.time)
-    cost = np.concatenate(([0.0], np.cumsum(steps)))
-    axes[2].plot(*thinned_curve(trajectory.time, cost), color=theme.foreground)
+        axis.set(ylabel=f"{name} [rad/s]", ylim=(-limit, limit))
+    draw_curve(axes[2], time, cost_so_far(trajectory), theme.foreground)
     axes[2].set(ylabel="J so far [rad²/s]", xlabel="time [s]", ylim=(0.0, None))
     for axis in axes:
         _shade_hold(axis, trial, theme)
-    axes[0].set_xlim(trajectory.time[0], trajectory.time[-1])
+    axes[0].set_xlim(time[0], time[-1])
     return figure
 
 
@@ -180,16 +167,14 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     """Mechanical power and copper loss: over time, and by joint during the hold."""
     trajectory = recorded(trial)
     mechanical, copper = joint_power(trajectory), copper_losses(trajectory, robot)
-    figure = empty_figure(theme, (9.5, 6.4))
-    over_time, by_joint = figure.subplots(2, 1, height_ratios=(1.25, 1.0))
-    _draw_power(over_time, trajectory, mechanical.sum(axis=1), copper.sum(axis=1), theme)
+    figure, (over_time, by_joint) = themed_figure(theme, (9.5, 6.4), 2, 1, height_ratios=(1.25, 1.0))
+    _draw_power(over_time, trajectory.time, mechanical.sum(axis=1), copper.sum(axis=1), theme)
     _shade_hold(over_time, trial, theme)
     begin, end = trial.hold_interval
     held = (trajectory.time >= begin) & (trajectory.time <= end)
     held = held if held.any() else ~held
-    _draw_power_by_joint(by_joint, held, mechanical, copper, robot.joint_names, theme)
+    _draw_power_by_joint(by_joint, mechanical[held], copper[held], robot.joint_names, theme)
     for axis in (over_time, by_joint):
-        style_axis(axis, theme)
         legend_above(axis, theme)
     return figure
 
@@ -197,11 +182,9 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
 def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
     """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, joints)`` bool."""
     margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
-    touched = (trajectory.motor_torque >= trajectory.torque_upper - margin) | (
-        trajectory.motor_torque <= trajectory.torque_lower + margin
-    )
-    moving = np.abs(trajectory.command[:, 0]) > 1e-6
-    return touched & moving[:, None]
+    torque = trajectory.motor_torque
+    touched = (torque >= trajectory.torque_upper - margin) | (torque <= trajectory.torque_lower + margin)
+    return touched & moving(trajectory)[:, None]
 
 
 # --- drawing ---------------------------------------------------------------------------------------------
@@ -214,29 +197,20 @@ def _shade_hold(axis: Axes, trial: TrialResult, theme: Theme) -> None:
 
 
 def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
-    trajectory = recorded(trial)
-    time, end = trajectory.time, trial.hold_interval[1]
+    trajectory, end, held = recorded(trial), trial.hold_interval[1], trial.metrics.held_speed
+    time = trajectory.time
     _shade_hold(axis, trial, theme)
-    axis.plot(
-        time, trajectory.profile_speed, color=theme.muted, linewidth=1.0, linestyle=":", label="profile"
+    draw_curve(
+        axis, time, trajectory.profile_speed, theme.muted, linewidth=1.0, linestyle=":", label="profile"
     )
-    axis.plot(
-        time, trajectory.command[:, 0], color=theme.command, linewidth=1.3, label="command to the policy"
-    )
-    axis.plot(time, trajectory.velocity[:, 0], color=theme.speed, linewidth=1.6, label="measured speed")
-    held = trial.metrics.held_speed
+    command = trajectory.command[:, 0]
+    draw_curve(axis, time, command, theme.command, linewidth=1.3, label="command to the policy")
+    draw_curve(axis, time, trajectory.velocity[:, 0], theme.speed, linewidth=1.6, label="measured speed")
     if np.isfinite(held):
         axis.plot([end - 2.0, end], [held, held], color=theme.second, linewidth=2.4, solid_capstyle="butt")
-        axis.annotate(
-            f"held {held:.2f} m/s",
-            (end - 1.0, held),
-            xytext=(0, -16),
-            textcoords="offset points",
-            color=theme.second,
-            fontsize=9,
-            fontweight="bold",
-            ha="center",
-        )
+        look: Any = {"color": theme.second, "fontsize": 9, "fontweight": "bold", "ha": "center"}
+        place = (end - 1.0, held)
+        axis.annotate(f"held {held:.2f} m/s", place, (0, -16), textcoords="offset points", **look)
     if trial.fall_time is not None:
         label = f"fell: {trial.fall_reason} "
         axis.text(trial.fall_time, 0.5, label, color=theme.on_limit, fontsize=9, ha="right")
@@ -260,36 +234,26 @@ def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
 def _draw_envelope(axis: Axes, curves: dict[str, Any], joint: int, theme: Theme) -> None:
     speed = curves["speed"][:, joint]
     for model, style in (("square", ":"), ("simplified-dc", "--")):
-        for limit in curves[model][..., joint]:
-            axis.plot(speed, limit, color=theme.muted, linewidth=0.9, linestyle=style, zorder=1)
+        axis.plot(
+            speed, curves[model][..., joint].T, color=theme.muted, linewidth=0.9, linestyle=style, zorder=1
+        )
     lower, upper = curves["refined"][..., joint]
     axis.fill_between(speed, lower, upper, color=theme.envelope, linewidth=0, zorder=0)
-    for limit in (lower, upper):
-        axis.plot(speed, limit, color=theme.foreground, linewidth=1.1, zorder=3)
+    axis.plot(speed, np.stack((lower, upper), axis=1), color=theme.foreground, linewidth=1.1, zorder=3)
 
 
 def draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
     """Samples ``(T,)`` of one joint: speeds [rad/s], torques [N m], those on their limit in red."""
+    look: Any = {"alpha": 0.45, "linewidths": 0, "zorder": 2, "rasterized": True}
     for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
-        axis.scatter(
-            *thinned_cloud(speed[mask], torque[mask]),
-            s=size,
-            color=colour,
-            alpha=0.45,
-            linewidths=0,
-            zorder=2,
-            rasterized=True,
-        )
+        axis.scatter(*thinned_cloud(speed[mask], torque[mask]), s=size, color=colour, **look)
 
 
 def _envelope_legend(figure: Figure, theme: Theme) -> None:
-    handles: list[Any] = [
-        Patch(
-            facecolor=theme.envelope, edgecolor=theme.foreground, label="refined (d-axis voltage included)"
-        ),
-        Line2D([], [], color=theme.muted, linestyle="--", label="v_d = 0"),
-        Line2D([], [], color=theme.muted, linestyle=":", label="square"),
-    ]
+    fill = {"facecolor": theme.envelope, "edgecolor": theme.foreground}
+    handles: list[Any] = [Patch(**fill, label="refined (d-axis voltage included)")]
+    for style, label in (("--", "v_d = 0"), (":", "square")):
+        handles.append(Line2D([], [], color=theme.muted, linestyle=style, label=label))
     for colour, label in ((theme.inside, "inside"), (theme.on_limit, "on the envelope")):
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label))
     figure_legend(figure, theme, handles)
@@ -303,30 +267,29 @@ def _spans(time: Array, mask: Array) -> list[tuple[float, float]]:
     return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in stances(mask).tolist()]
 
 
-def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: Array, theme: Theme) -> None:
-    time = trajectory.time
-    axis.plot(*thinned_curve(time, mechanical / 1e3), color=theme.speed, linewidth=0.4, alpha=0.25)
+def _draw_power(axis: Axes, time: Array, mechanical: Array, copper: Array, theme: Theme) -> None:
+    draw_curve(axis, time, mechanical / 1e3, theme.speed, linewidth=0.4, alpha=0.25)
     for values, name, colour in (
         (mechanical, "mechanical", theme.speed),
         (copper, "copper loss", theme.second),
     ):
-        smooth = thinned_curve(time, moving_average(values, time, POWER_WINDOW) / 1e3)
-        axis.plot(*smooth, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s")
+        label, smooth = f"{name}, mean of {POWER_WINDOW:g} s", moving_average(values, time, POWER_WINDOW)
+        draw_curve(axis, time, smooth / 1e3, colour, linewidth=1.6, label=label)
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set(xlim=(time[0], time[-1]), ylabel="power, all joints [kW]", xlabel="time [s]")
 
 
 def _draw_power_by_joint(
-    axis: Axes, held: Array, mechanical: Array, copper: Array, names: Sequence[str], theme: Theme
+    axis: Axes, mechanical: Array, copper: Array, names: Sequence[str], theme: Theme
 ) -> None:
-    """Bars of the means over the samples ``held``."""
+    """Bars of the means over samples ``(T, joints)``."""
     place = np.arange(len(names))
     for values, offset, width, colour, label in (
         (np.clip(mechanical, 0, None), -0.2, 0.38, theme.speed, "mechanical, driving"),
         (np.clip(mechanical, None, 0), -0.2, 0.38, theme.muted, "mechanical, braking"),
         (copper, 0.2, 0.3, theme.second, "copper loss"),
     ):
-        axis.bar(place + offset, values[held].mean(axis=0), width, color=colour, label=label)
+        axis.bar(place + offset, values.mean(axis=0), width, color=colour, label=label)
     axis.set_xticks(place, [name.replace("_", "\n") for name in names])
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_ylabel("mean during the hold [W]")

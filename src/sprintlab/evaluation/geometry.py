@@ -14,19 +14,10 @@ _PARALLEL = 1e-12
 def segment_distance(
     first_start: FloatArray, first_end: FloatArray, second_start: FloatArray, second_end: FloatArray
 ) -> FloatArray:
-    """Smallest distance between two line segments [m].
+    """Smallest distance [m] between two line segments with ends ``(..., 3)``, which may be points.
 
     Closest points of two lines, clamped to the segments one after the other (Ericson, Real-Time Collision
     Detection, 5.1.9).
-
-    Args:
-        first_start: ``(..., 3)``, as the other three; segments of length zero are allowed.
-        first_end: end of the first segment.
-        second_start: start of the second segment.
-        second_end: end of the second segment.
-
-    Returns:
-        ``(...)``.
     """
     first, second, offset = first_end - first_start, second_end - second_start, first_start - second_start
     a, e, b = _dot(first, first), _dot(second, second), _dot(first, second)
@@ -39,15 +30,12 @@ def segment_distance(
 
 
 def leg_distance(start: FloatArray, end: FloatArray, radius: FloatArray) -> FloatArray:
-    """Smallest surface distance between any two legs [m]; negative where they overlap.
+    """Smallest surface distance between any two legs ``(T,)`` [m]; negative where they overlap.
 
     Args:
         start: ``(T, legs, capsules, 3)`` one end of each capsule's axis.
         end: the other end, same shape.
         radius: ``(legs, capsules)``.
-
-    Returns:
-        ``(T,)``.
     """
     smallest = np.full(len(start), np.inf)
     for one, other in combinations(range(start.shape[1]), 2):

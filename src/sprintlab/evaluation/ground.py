@@ -10,7 +10,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.sweep import Case, Progress, Run, held_speeds, mean, of_group, run_cases
+from sprintlab.evaluation.sweep import Case, Progress, held_speeds, mean, of_group, run_cases
 from sprintlab.plant import Ground, PlantOptions
 
 LARGEST_LOSS = 0.15
@@ -23,24 +23,16 @@ _STANDS = 0.1  # who holds no more does not run [m/s]
 class GroundSettings:
     """What is run.
 
-    Attributes:
-        top_speed: v* of every profile [m/s].
-        trials: seeded trials on each ground, the protocol's; on rough ground each has heights of its own.
-        slope: rise over run of the slopes, run up and down.
-        roughness: greatest height of the rough ground above and below its mean [m].
-        hold: duration of each hold [s].
-        plant: how the robot is simulated; its ground is replaced.
-
     Raises:
         InvalidValueError: a number is out of range.
     """
 
-    top_speed: float
-    trials: int = 3
-    slope: float = 0.05
-    roughness: float = 0.02
-    hold: float = 10.0
-    plant: PlantOptions = field(default_factory=PlantOptions)
+    top_speed: float  # v* of every profile [m/s]
+    trials: int = 3  # seeded trials on each ground, the protocol's; rough ground is drawn anew for each
+    slope: float = 0.05  # rise over run, up and down
+    roughness: float = 0.02  # greatest height of the rough ground above and below its mean [m]
+    hold: float = 10.0  # duration of each hold [s]
+    plant: PlantOptions = field(default_factory=PlantOptions)  # its ground is replaced
 
     def __post_init__(self) -> None:
         check_range("ground.top_speed", self.top_speed, 0.5, 16.0, "m/s")
@@ -68,19 +60,12 @@ class GroundSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTrials:
-    """The trials on one kind of ground.
+    """The trials on one kind of ground."""
 
-    Attributes:
-        name: ``"level"``, ``"uphill"``, ``"downhill"`` or ``"rough"``.
-        trials: how many ran.
-        held_speed: along the ground, mean of the upright [m/s]; ``nan`` where all fell.
-        falls: the reason of each fall.
-    """
-
-    name: str
-    trials: int
-    held_speed: float
-    falls: tuple[str, ...] = ()
+    name: str  # "level", "uphill", "downhill" or "rough"
+    trials: int  # how many ran
+    held_speed: float  # along the ground, mean of the upright [m/s]; nan where all fell
+    falls: tuple[str, ...] = ()  # the reason of each fall
 
     @property
     def upright(self) -> int:
@@ -134,13 +119,10 @@ def compare_grounds(
 ) -> GroundResult:
     """Run every trial; errors as in ``run_cases``."""
     cases = settings.cases()
-    runs = run_cases(pool, cases, progress)
-    names = dict.fromkeys(case.group for case in cases)
-    return GroundResult(
-        settings=settings, grounds=tuple(_trials(name, of_group(runs, name)) for name in names)
-    )
-
-
-def _trials(name: str, runs: list[Run]) -> GroundTrials:
-    falls = tuple(run.fall_reason for run in runs if not run.upright)
-    return GroundTrials(name=name, trials=len(runs), held_speed=mean(held_speeds(runs)), falls=falls)
+    runs, found = run_cases(pool, cases, progress), list[GroundTrials]()
+    for name in dict.fromkeys(case.group for case in cases):
+        here = of_group(runs, name)
+        falls = tuple(run.fall_reason for run in here if not run.upright)
+        held = mean(held_speeds(here))
+        found.append(GroundTrials(name=name, trials=len(here), held_speed=held, falls=falls))
+    return GroundResult(settings=settings, grounds=tuple(found))

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, SprintProfile, Track, path_yaw_rate
+from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, SprintProfile, Track, along_track, path_yaw_rate
 from sprintlab.control import Policy
 from sprintlab.core.checks import check_range
 from sprintlab.core.json_values import json_ready
@@ -22,25 +21,15 @@ from sprintlab.robots import RobotDescription
 
 @dataclass(frozen=True, kw_only=True)
 class LapResult:
-    """One lap.
+    """One lap."""
 
-    Attributes:
-        distance: length of the lap on the measured line [m].
-        time: from the first non-zero command to the end of the lap [s]; ``nan`` when it was not reached.
-        outward: farthest from the measured line, away from the kerb [m].
-        inward: farthest from the measured line, towards the kerb [m].
-        energy: drawn from the bus until the end of the lap [J].
-        hottest_winding: [degC]; ``None`` where windings do not warm up.
-        trial: the run itself; its hold is the whole run.
-    """
-
-    distance: float
-    time: float
-    outward: float
-    inward: float
-    energy: float
-    hottest_winding: float | None
-    trial: TrialResult
+    distance: float  # of the lap on the measured line [m]
+    time: float  # from the first non-zero command to the end of the lap [s]; nan when it was not reached
+    outward: float  # farthest from the measured line, away from the kerb [m]
+    inward: float  # farthest from the measured line, towards the kerb [m]
+    energy: float  # drawn from the bus until the end of the lap [J]
+    hottest_winding: float | None  # [degC]; None where windings do not warm up
+    trial: TrialResult  # its hold is the whole run
 
     @property
     def finished(self) -> bool:
@@ -81,11 +70,15 @@ class LapCourse(SprintCourse):
     def __init__(self, track: Track, top_speed: float) -> None:
         profile = SprintProfile(top_speed=top_speed)
         super().__init__(profile, track.length, rest=profile.stand, slowest_share=0.5)
-        self.track, self._tracker = track, _Progress(track)
+        self.track = track
+        self._last, self._way = 0.0, 0.0
 
     def way(self, base: BaseState) -> float:
-        """Along the track [m]."""
-        return self._tracker.advance(base.distance, base.lateral_offset)
+        """Along the track [m]; it goes on counting over the start line."""
+        now, length = self.track.locate(base.distance, base.lateral_offset).progress, self.track.length
+        self._way += (now - self._last + 0.5 * length) % length - 0.5 * length
+        self._last = now
+        return self._way
 
     def steer(self, base: BaseState, speed: float) -> float:
         """Yaw-rate command [rad/s] along the track."""
@@ -93,38 +86,22 @@ class LapCourse(SprintCourse):
         return path_yaw_rate(point, base.heading, speed)
 
 
-class _Progress:
-    """Arc length that goes on counting over the start line."""
-
-    def __init__(self, track: Track) -> None:
-        self._track, self._last, self._sum = track, 0.0, 0.0
-
-    def advance(self, x: float, y: float) -> float:
-        now, length = self._track.locate(x, y).progress, self._track.length
-        self._sum += (now - self._last + 0.5 * length) % length - 0.5 * length
-        self._last = now
-        return self._sum
-
-
-def run_lap(
-    policy: Policy, robot: RobotDescription, request: TrialRequest, track: Track | None = None
-) -> LapResult:
+def run_lap(policy: Policy, robot: RobotDescription, request: TrialRequest) -> LapResult:
     """Run one lap with the request's command; errors as in ``run_trial``.
 
     Raises:
         InvalidValueError: the command is below 1 m/s: the lap would take minutes of simulation.
     """
     check_range("lap.top_speed", request.top_speed, 1.0, 30.0, "m/s")
-    course = LapCourse(track or Track(), request.top_speed)
-    trial = run_course(policy, robot, request, course)
-    return lap_result(trial, robot, course.track)
+    course = LapCourse(Track(), request.top_speed)
+    return lap_result(run_course(policy, robot, request, course), robot, course.track)
 
 
 def lap_result(trial: TrialResult, robot: RobotDescription, track: Track) -> LapResult:
     """The lap's numbers from a recorded run."""
     recorded = trial.trajectory
     assert recorded is not None
-    progress, offset = _along(track, recorded.qpos[:, :2] - recorded.qpos[0, :2])
+    progress, offset = along_track(track, recorded.qpos)
     done = progress >= track.length
     last = int(done.argmax()) if done.any() else len(done) - 1
     start = float(recorded.time[int((recorded.profile_speed > 0.0).argmax())])
@@ -138,11 +115,3 @@ def lap_result(trial: TrialResult, robot: RobotDescription, track: Track) -> Lap
         hottest_winding=trial.metrics.hottest_winding,
         trial=trial,
     )
-
-
-def _along(track: Track, places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Progress [m] and offset [m] ``(T,)`` of places ``(T, 2)`` [m] in the frame of the start."""
-    tracker = _Progress(track)
-    progress = np.array([tracker.advance(x, y) for x, y in places.tolist()])
-    offset = np.array([track.locate(x, y).offset for x, y in places.tolist()])
-    return progress, offset

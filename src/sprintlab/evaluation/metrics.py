@@ -57,6 +57,7 @@ def trial_metrics(
     window, speed_ratio = steady_window(trajectory, hold_interval), _speed_ratio(trajectory, robot, plant)
     undefined = np.full(len(robot.leg_names), math.nan)
     duty = trajectory.foot_contact[window].mean(axis=0) if window.any() else undefined
+    impact, asked = trajectory.foot_impact, trajectory.profile_speed[window]
     return TrialMetrics(
         held_speed=_mean(trajectory.velocity[window, 0]),
         hold_acceleration=hold_acceleration(trajectory, hold_interval),
@@ -70,7 +71,7 @@ def trial_metrics(
         joint_speed_ratio=tuple(speed_ratio.max(axis=0).tolist()),
         gear_torque_ratio=tuple(_gear_torque_ratio(trajectory, robot).tolist()),
         pad_deflection=float(trajectory.foot_penetration.max()),
-        foot_force=_peak(trajectory.foot_impact) / ((robot.total_mass + payload) * GRAVITY),
+        foot_force=math.nan if impact is None else impact.max() / ((robot.total_mass + payload) * GRAVITY),
         smallest_leg_distance=float(trajectory.leg_distance.min()),
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
@@ -78,7 +79,7 @@ def trial_metrics(
         mean_duty=float(duty.mean()),
         load_share=_load_share(trajectory, window),
         feet=robot.leg_names,
-        asked_speed=_asked_speed(trajectory, window),
+        asked_speed=float(asked[0]) if asked.size and np.ptp(asked) < 1e-6 else math.nan,
         final_speed=math.nan if fell else final_speed(trajectory),
         **_stance_numbers(trajectory, window),
         **({} if finish is None else _line_numbers(trajectory, robot, finish)),
@@ -91,9 +92,13 @@ def trial_metrics(
 def steady_window(trajectory: Trajectory, hold_interval: tuple[float, float]) -> NDArray[np.bool_]:
     """Samples ``(T,)`` in the last 2 s of the hold; none when the run ended before the hold did."""
     start, end = hold_interval
-    if trajectory.time[-1] < end - 0.1:
-        return np.zeros(len(trajectory.time), dtype=bool)
-    return (trajectory.time >= max(start, end - STEADY_WINDOW) - 1e-9) & (trajectory.time < end - 1e-9)
+    return _held(trajectory, (max(start, end - STEADY_WINDOW), end))
+
+
+def _held(trajectory: Trajectory, interval: tuple[float, float]) -> NDArray[np.bool_]:
+    """Samples ``(T,)`` of an interval [s]; none when the run ended before it did."""
+    (start, end), time = interval, trajectory.time
+    return (time >= start - 1e-9) & (time < end - 1e-9) & (time[-1] >= end - 0.1)
 
 
 def hold_acceleration(trajectory: Trajectory, hold_interval: tuple[float, float]) -> float:
@@ -114,11 +119,6 @@ def final_speed(trajectory: Trajectory) -> float:
     """Highest horizontal speed in the last second [m/s]."""
     last = trajectory.time > trajectory.time[-1] - REST_WINDOW
     return float(np.hypot(*trajectory.velocity[last].T).max())
-
-
-def _peak(values: FloatArray | None) -> float:
-    """The greatest value; ``nan`` where nothing was measured."""
-    return math.nan if values is None else float(values.max())
 
 
 def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
@@ -179,19 +179,20 @@ def peak_speed(trajectory: Trajectory) -> float:
 
 def angular_cost(trajectory: Trajectory) -> float:
     """J: integral of pitch rate^2 + roll rate^2 over the whole trajectory [rad^2/s], trapezoid rule."""
-    rate = trajectory.angular_velocity
-    squared = rate[:, 0] ** 2 + rate[:, 1] ** 2
-    return float(np.sum(0.5 * (squared[1:] + squared[:-1]) * np.diff(trajectory.time)))
+    return float(cost_so_far(trajectory)[-1])
+
+
+def cost_so_far(trajectory: Trajectory) -> FloatArray:
+    """J from the start to each sample ``(T,)`` [rad^2/s]."""
+    squared = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
+    steps = 0.5 * (squared[1:] + squared[:-1]) * np.diff(trajectory.time)
+    return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def angular_cost_rate(trajectory: Trajectory, hold_interval: tuple[float, float]) -> float:
     """J per second: mean of pitch rate^2 + roll rate^2 over a whole hold, else ``nan`` [rad^2/s^2]."""
-    start, end = hold_interval
-    held = (trajectory.time >= start - 1e-9) & (trajectory.time < end - 1e-9)
-    if not held.any() or trajectory.time[-1] < end - 0.1:
-        return math.nan
-    rate = trajectory.angular_velocity[held]
-    return float((rate[:, 0] ** 2 + rate[:, 1] ** 2).mean())
+    rate = trajectory.angular_velocity[_held(trajectory, hold_interval), :2]
+    return _mean((rate**2).sum(axis=1))
 
 
 def _speed_ratio(trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None) -> FloatArray:
@@ -349,12 +350,6 @@ def _load_share(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[floa
         return (math.nan,) * count
     borne = trajectory.foot_force[window].sum(axis=0)
     return tuple((borne / borne.sum()).tolist()) if borne.sum() > 0.0 else (math.nan,) * count
-
-
-def _asked_speed(trajectory: Trajectory, window: NDArray[np.bool_]) -> float:
-    """Speed that the profile asks for in the steady window [m/s]; ``nan`` where it is not constant."""
-    asked = trajectory.profile_speed[window]
-    return float(asked[0]) if asked.size and np.ptp(asked) < 1e-6 else math.nan
 
 
 def _powers(

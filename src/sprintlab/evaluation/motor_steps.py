@@ -14,22 +14,17 @@ FORCE_WINDOW = 0.005
 
 
 class MotorSteps:
-    """Rows of all motor steps of a trial.
+    """Rows of up to ``capacity`` motor steps of a trial.
 
     A power that is sampled in phase with the policy reads wrong: a joint is fastest in the middle between two
     actions. So torques, ways and forces of every motor step are kept.
-
-    Args:
-        plant: that is simulated.
-        capacity: greatest number of motor steps.
     """
 
     def __init__(self, plant: Plant, capacity: int) -> None:
-        self._plant, robot, model = plant, plant.robot, plant.model
+        self._plant, robot = plant, plant.robot
         self._substeps, self._period = plant.options.substeps, 1.0 / plant.options.motor_rate
-        self._position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
-        self._velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
-        self._armature = model.dof_armature[self._velocity].copy()
+        self._position, self._velocity = plant.joint_addresses
+        self._armature = plant.model.dof_armature[self._velocity].copy()
         joints, legs = len(robot.joint_names), len(robot.leg_names)
         widths = {"position": joints, "velocity": joints, "motor": joints, "joint": joints, "force": legs}
         if plant.supply is not None:
@@ -45,10 +40,8 @@ class MotorSteps:
         if any(force):
             self._force = [before + now for before, now in zip(self._force, force, strict=True)]
         self._steps += 1
-        if self._steps % self._substeps == 0:
-            self._keep_row(data)
-
-    def _keep_row(self, data: mujoco.MjData) -> None:
+        if self._steps % self._substeps:
+            return
         rows, index = self._rows, self._count
         rows["position"][index] = data.qpos[self._position]
         rows["velocity"][index] = data.qvel[self._velocity]
@@ -69,32 +62,21 @@ class MotorSteps:
         if not self._marks or not self._marks[-1]:
             return {}
         rows = {name: values[: self._marks[-1]] for name, values in self._rows.items()}
-        force = rows["force"] / self._substeps
-        loss = rows.get("loss")
+        robot, force = self._plant.robot, rows["force"] / self._substeps
+        way, change = (
+            np.diff(rows[name], axis=0, prepend=start[None])
+            for name, start in zip(("position", "velocity"), self._start, strict=True)
+        )
+        speed, acceleration = way / self._period, change / self._period  # of a whole motor step
+        copper = rows["loss"] if "loss" in rows else np.asarray(copper_loss(robot.motors, rows["motor"]))
+        shaft = saturate(robot.motors, rows["motor"]) * speed * robot.gear.ratio
         return {
             "foot_force": self._mean(force),
             "foot_impact": self._largest(_running_mean(force, round(FORCE_WINDOW / self._period))),
-            "gear_torque": self._largest(self._gear_torque(rows)),
-            **self._powers(rows, loss),
-        }
-
-    def _gear_torque(self, rows: dict[str, FloatArray]) -> FloatArray:
-        """Torque that each gear passes on to its joint, mean over a motor step [N m]."""
-        velocity = np.concatenate((self._start[1][None], rows["velocity"]))
-        return rows["joint"] - self._armature * np.diff(velocity, axis=0) / self._period
-
-    def _powers(self, rows: dict[str, FloatArray], loss: FloatArray | None) -> dict[str, FloatArray]:
-        """Means of the powers [W]; speeds are ways over a motor step."""
-        robot = self._plant.robot
-        position = np.concatenate((self._start[0][None], rows["position"]))
-        speed = np.diff(position, axis=0) / self._period
-        copper = np.asarray(copper_loss(robot.motors, rows["motor"])) if loss is None else loss
-        shaft = saturate(robot.motors, rows["motor"]) * speed * robot.gear.ratio
-        bus = np.maximum((shaft + copper).sum(axis=1), 0.0)
-        return {
+            "gear_torque": self._largest(rows["joint"] - self._armature * acceleration),
             "joint_power": self._mean(rows["joint"] * speed),
             "copper_loss": self._mean(copper),
-            "bus_power": self._mean(bus),
+            "bus_power": self._mean(np.maximum((shaft + copper).sum(axis=1), 0.0)),
         }
 
     def _mean(self, values: FloatArray) -> FloatArray:

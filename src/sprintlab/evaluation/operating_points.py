@@ -21,15 +21,10 @@ _NEEDED = ("joint_velocity", "joint_torque")
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingPoints:
-    """Samples of one or several joints, joint side.
+    """Samples of one or several joints, joint side."""
 
-    Attributes:
-        speed: (n,) joint velocity [rad/s].
-        torque: (n,) torque delivered to the joint [N m], saturation, gear and efficiency in.
-    """
-
-    speed: FloatArray
-    torque: FloatArray
+    speed: FloatArray  # (n,) [rad/s]
+    torque: FloatArray  # (n,) delivered to the joint, saturation, gear and efficiency in [N m]
 
     def summary(self, drive: JointDrive) -> dict[str, Any]:
         """How near the samples come to the limits of ``drive``.
@@ -37,18 +32,18 @@ class OperatingPoints:
         ``at_limit`` is the share within 1 % of the peak torque of what the drive can deliver; ``beyond``
         holds, for each envelope, the share outside it.
         """
-        margin, near = _MARGIN * drive.peak_torque, _NEAR * drive.peak_torque
-        limits = {name: joint_limits(drive, self.speed, name) for name in envelope_names()}
-        lower, upper = limits[SATURATED]
+
+        def outside(name: str, margin: float) -> float:
+            lower, upper = joint_limits(drive, self.speed, name)
+            margin *= drive.peak_torque
+            return float(np.mean((self.torque > upper + margin) | (self.torque < lower - margin)))
+
         return {
             "samples": len(self.speed),
             "speed_ratio": float(np.abs(self.speed).max()) / drive.no_load_speed,
             "torque_ratio": float(np.abs(self.torque).max()) / drive.peak_torque,
-            "at_limit": float(np.mean((self.torque >= upper - near) | (self.torque <= lower + near))),
-            "beyond": {
-                name: float(np.mean((self.torque > high + margin) | (self.torque < low - margin)))
-                for name, (low, high) in limits.items()
-            },
+            "at_limit": outside(SATURATED, -_NEAR),
+            "beyond": {name: outside(name, _MARGIN) for name in envelope_names()},
         }
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 from multiprocessing import connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
@@ -30,14 +30,13 @@ NO_GUARD = (
     "no worker process could begin: each reads the script that was started, so what calls sprintlab there "
     'must stand under  if __name__ == "__main__":  (or ask for one worker)'
 )
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_ENVIRONMENT = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", SAFE_PATH
+)  # fmt: skip
 
 
 class WorkerProcesses:
-    """New interpreters that trials of any policy are sent to; use it as a context manager.
-
-    Each works with one thread: NumPy's linear algebra would else start one a core in every process. None
-    looks for modules where the program was started.
+    """New interpreters of one thread each that trials of any policy are sent to; a context manager.
 
     Args:
         count: processes; ``None`` takes one a core, 1 runs everything in the calling process.
@@ -47,13 +46,14 @@ class WorkerProcesses:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        count = available_cores() if count is None else count
+        cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+        count = len(cores) if count is None else count
         check_range("workers", count, 1, 1024)
-        self._environment = {name: os.environ.get(name) for name in (*_THREADS, SAFE_PATH)}
+        self._before = {name: os.environ.get(name) for name in _ENVIRONMENT}
         self._executor: ProcessPoolExecutor | None = None
         if count > 1:
             # New interpreters inherit them, and read them before anything could tell them otherwise.
-            os.environ.update(dict.fromkeys(self._environment, "1"))
+            os.environ.update(dict.fromkeys(_ENVIRONMENT, "1"))
             # Spawned: a fork would copy locks of libraries that run threads.
             context = multiprocessing.get_context("spawn")
             self._begun = context.Event()
@@ -69,11 +69,9 @@ class WorkerProcesses:
             for process in (getattr(self._executor, "_processes", None) or {}).copy().values():
                 process.terminate()
         self._executor.shutdown(wait=True, cancel_futures=True)
-        for name, value in self._environment.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name, value in self._before.items():
+            os.environ.pop(name, None)
+            os.environ.update({} if value is None else {name: value})
 
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> Generator[R, None, None]:
         """Results in the order of the items, each as soon as it and those before it are there.
@@ -138,19 +136,14 @@ class TrialPool:
     def map(
         self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]
     ) -> Generator[R, None, None]:
-        """Results of ``work(policy, robot, item)`` in the order of the items, each as soon as it is there.
+        """Results of ``work(policy, robot, item)``; order and errors as of ``WorkerProcesses.map``.
 
-        Args:
-            work: a function of a module, so that it can be sent to another process.
-            items: small enough to send.
-
-        Raises:
-            SimulationError: a trial left the realm of finite numbers, or a worker process died.
+        ``work`` is a function of a module, so that it can be sent to another process.
         """
         return self._processes.map(partial(_worked, work, *self._file, self.robot), items)
 
-    def stream(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
-        """Profiles and sprints (requests with a distance); order and errors as those of ``map``."""
+    def stream(self, requests: Sequence[TrialRequest]) -> Generator[Any, None, None]:
+        """A ``SprintResult`` for each request with a distance, else a ``TrialResult``."""
         return self.map(run_request, requests)
 
     def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
@@ -164,18 +157,11 @@ class TrialPool:
         results: list[TrialResult] = []
         with closing(self.stream(requests)) as finished:
             for result in finished:
-                results.append(result.trial if isinstance(result, SprintResult) else result)
+                results.append(result)
                 falls = sum(bool(trial.fall_reason) for trial in results)
                 if most_falls is not None and falls > most_falls:
                     break
         return results
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def run_request(policy: Policy, robot: RobotDescription, request: TrialRequest) -> TrialResult | SprintResult:
@@ -197,13 +183,7 @@ def _loaded(path: Path, digest: str) -> Policy:
     return loaded
 
 
-def _worked(
-    work: Callable[[Policy, RobotDescription, T], R],
-    path: Path,
-    digest: str,
-    robot: RobotDescription,
-    item: T,
-) -> R:
+def _worked(work: Callable[..., R], path: Path, digest: str, robot: RobotDescription, item: Any) -> R:
     return work(_loaded(path, digest), robot, item)
 
 

@@ -1,4 +1,4 @@
-"""The protocol that makes speeds comparable: seeded trials, highest speed, J, step-size check."""
+"""The protocol that makes speeds comparable: seeded trials at each speed, and the search for the highest."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest
 from sprintlab.motors import WindingHeat
 from sprintlab.plant import JOINT_NOISE, PlantOptions, TrialSettings
 
-COARSE_STEP = 0.0005
-"""Physics step against which the plant's own is checked [s]."""
-
 Progress = Callable[[SpeedResult], None]
 
 
@@ -25,37 +22,24 @@ Progress = Callable[[SpeedResult], None]
 class ProtocolSettings:
     """How the highest speed is searched.
 
-    Attributes:
-        trials: seeded trials a speed.
-        required: how many must complete.
-        grid: step between speeds [m/s].
-        first_step: step of a first pass [m/s], a whole number of grid steps; the grid is then walked from the
-            highest speed that passed before the first that failed. ``None`` walks the whole grid. The two
-            answers differ only where a policy fails at a speed between two of the first pass that it passes.
-        start: lowest speed [m/s].
-        top: the search ends here even if every speed passed [m/s].
-        hold: duration of the hold [s].
-        seed: decides every trial's settings.
-        joint_noise: half-width of the initial joint noise [rad].
-        friction: range of the sliding friction.
-        payload: half-width of the mass added to the trunk [kg].
-        plant: how the robot is simulated.
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    trials: int = 10
-    required: int = 9
-    grid: float = 0.25
+    trials: int = 10  # seeded trials a speed
+    required: int = 9  # how many must complete
+    grid: float = 0.25  # step between speeds [m/s]
     first_step: float | None = None
-    start: float = 1.0
-    top: float = 16.0
-    hold: float = 10.0
-    seed: int = 0
-    joint_noise: float = JOINT_NOISE
-    friction: tuple[float, float] = (0.7, 1.0)
-    payload: float = 1.0
+    """Step of a first pass [m/s], a whole number of grid steps; the grid is then walked from the highest
+    speed that passed before the first that failed. ``None`` walks the whole grid. The two answers differ only
+    where a policy fails at a speed between two of the first pass that it passes."""
+    start: float = 1.0  # lowest speed [m/s]
+    top: float = 16.0  # the search ends here even if every speed passed [m/s]
+    hold: float = 10.0  # duration of the hold [s]
+    seed: int = 0  # decides every trial's settings
+    joint_noise: float = JOINT_NOISE  # half-width of the initial joint noise [rad]
+    friction: tuple[float, float] = (0.7, 1.0)  # range of the sliding friction
+    payload: float = 1.0  # half-width of the mass added to the trunk [kg]
     plant: PlantOptions = field(default_factory=PlantOptions)
 
     def __post_init__(self) -> None:
@@ -92,17 +76,9 @@ class ProtocolSettings:
 
     def requests(self, top_speed: float, self_paced: bool) -> list[TrialRequest]:
         """The trials of one speed; the first one keeps its trajectory."""
-        return [
-            TrialRequest(
-                top_speed=top_speed,
-                settings=settings,
-                self_paced=self_paced,
-                hold=self.hold,
-                plant=self.plant,
-                keep_trajectory=index == 0,
-            )
-            for index, settings in enumerate(self.trial_settings())
-        ]
+        request = TrialRequest(top_speed=top_speed, self_paced=self_paced, hold=self.hold, plant=self.plant)
+        drawn = enumerate(self.trial_settings())
+        return [replace(request, settings=one, keep_trajectory=index == 0) for index, one in drawn]
 
 
 def search_speeds(settings: ProtocolSettings, run: Callable[[float], SpeedResult]) -> tuple[SpeedResult, ...]:
@@ -143,20 +119,12 @@ def _climb(
 def run_speed(
     pool: TrialPool, top_speed: float, *, self_paced: bool, settings: ProtocolSettings | None = None
 ) -> SpeedResult:
-    """The seeded trials of one v* [m/s], up to the fall that decides that it fails.
-
-    Raises:
-        SimulationError: as ``run_trial``.
-    """
+    """The seeded trials of one v* [m/s], up to the fall that decides it; errors as in ``run_trial``."""
     settings = settings or ProtocolSettings()
     most_falls = settings.trials - settings.required
-    trials = pool.trials(settings.requests(top_speed, self_paced), most_falls)
-    return SpeedResult(
-        top_speed=top_speed,
-        self_paced=self_paced,
-        trials=tuple(trials),
-        required=min(settings.required, len(trials)),
-    )
+    trials = tuple(pool.trials(settings.requests(top_speed, self_paced), most_falls))
+    required = min(settings.required, len(trials))
+    return SpeedResult(top_speed=top_speed, self_paced=self_paced, trials=trials, required=required)
 
 
 def run_protocol(
@@ -165,7 +133,7 @@ def run_protocol(
     self_paced: bool,
     settings: ProtocolSettings | None = None,
     common_speed: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda _: None,
 ) -> ProtocolResult:
     """Search the highest speed: rising v*, up to the first at which too many trials fall.
 
@@ -183,12 +151,10 @@ def run_protocol(
 
     def run(top_speed: float) -> SpeedResult:
         result = run_speed(pool, top_speed, self_paced=self_paced, settings=settings)
-        if progress is not None:
-            progress(result)
+        progress(result)
         return result
 
-    speeds = search_speeds(settings, run)
-    common = None
+    speeds, common = search_speeds(settings, run), None
     if common_speed is not None:
         common = run_speed(pool, common_speed, self_paced=self_paced, settings=settings)
     return ProtocolResult(self_paced=self_paced, speeds=speeds, common=common)
@@ -204,19 +170,3 @@ def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialReques
         return None
     supplied = replace(plant, battery="robot", heat=WindingHeat())
     return TrialRequest(top_speed=top_speed, hold=settings.hold, plant=supplied)
-
-
-def step_size_requests(
-    top_speed: float, plant: PlantOptions, hold: float
-) -> tuple[TrialRequest, TrialRequest]:
-    """The same nominal trial with coarse and with the plant's own steps; the motor loop stays at its rate.
-
-    The coarse one has the stiffest contact that its steps allow, two of them.
-    """
-    fine = TrialRequest(top_speed=top_speed, plant=plant, hold=hold)
-    softer = replace(
-        plant,
-        timestep=COARSE_STEP,
-        contact_time_constant=max(plant.contact_time_constant, 2.0 * COARSE_STEP),
-    )
-    return replace(fine, plant=softer), fine

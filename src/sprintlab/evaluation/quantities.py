@@ -10,23 +10,14 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """One field of ``TrialMetrics`` as people and programs read it.
+    """One field of ``TrialMetrics`` as people and programs read it."""
 
-    Attributes:
-        field: its name in ``TrialMetrics``.
-        key: in JSON files.
-        name: in tables.
-        digits: behind the point.
-        unit: as text; empty for a ratio.
-        meaning: half a sentence.
-    """
-
-    field: str = ""
-    key: str
-    name: str
-    digits: int
-    unit: str
-    meaning: str
+    field: str = ""  # its name in ``TrialMetrics``
+    key: str  # in JSON files
+    name: str  # in tables
+    digits: int  # behind the point
+    unit: str  # as text; empty for a ratio
+    meaning: str  # half a sentence
 
 
 def shown(key: str, name: str, digits: int, unit: str, meaning: str) -> Any:
@@ -37,11 +28,8 @@ def shown(key: str, name: str, digits: int, unit: str, meaning: str) -> Any:
 
 def shown_fields(kind: type) -> tuple[Quantity, ...]:
     """The quantities that a dataclass declares with ``shown``, in their order."""
-    return tuple(
-        dataclasses.replace(item.metadata["quantity"], field=item.name)
-        for item in dataclasses.fields(kind)
-        if "quantity" in item.metadata
-    )
+    marked = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
+    return tuple(dataclasses.replace(item.metadata["quantity"], field=item.name) for item in marked)
 
 
 def number(value: float, digits: int = 2) -> str:

@@ -7,18 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 from sprintlab.control import Policy
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials, with_clock_loss
 from sprintlab.evaluation.clock import check_clock
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.protocol import (
-    COARSE_STEP,
-    ProtocolSettings,
-    battery_request,
-    run_speed,
-    step_size_requests,
-)
+from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed
 from sprintlab.evaluation.reached import require_a_runner
 from sprintlab.evaluation.results import (
     AuditReport,
@@ -26,7 +21,6 @@ from sprintlab.evaluation.results import (
     RaceResult,
     SpeedResult,
     SprintResult,
-    StepSizeCheck,
     TrialResult,
 )
 from sprintlab.evaluation.second_engine import engine_requests, stored_remark
@@ -47,7 +41,6 @@ def evaluate_race(
     top_speed: float | None = None,
     distance: float = 100.0,
     settings: ProtocolSettings | None = None,
-    step_check: bool = False,
     second_engine: str | None = None,
     workers: int | None = None,
     progress: Progress = lambda what, share: None,
@@ -60,7 +53,6 @@ def evaluate_race(
         top_speed: v* [m/s]; ``None`` looks for it with ``find_top_speed``.
         distance: [m].
         settings: trials, seeds, plant.
-        step_check: also run one trial with 1 ms and 0.25 ms steps.
         second_engine: also run the sprint and the raw trials in this engine, with the same draws.
         workers: processes; ``None`` takes one per core.
         progress: called with what is being done and the share of it that is done; ``None`` where unknown.
@@ -89,27 +81,24 @@ def evaluate_race(
         if second_engine is not None:
             progress("running trials in the second engine", None)
             sprint, *trials = pool.stream(engine_requests(top_speed, distance, settings, second_engine))
-            raw = _speed_result(trials, settings)
-            second = EngineResult(engine=second_engine, sprint=_sprint(sprint), raw=raw)
+            second = EngineResult(engine=second_engine, sprint=sprint, raw=_speed_result(trials, settings))
         elif remark := stored_remark(pool.policy.digest):
             notes += (remark,)
-        found = _run_all(pool, _requests(top_speed, distance, settings, step_check), progress)
-        sprints = [_sprint(result) for result in found["sprints"]]
+        found = _run_all(pool, _requests(top_speed, distance, settings), progress)
         raw, paced = (_speed_result(found[name], settings) for name in ("raw", "self_paced"))
-        audit = audit_race(pool, sprints, raw, paced, settings)
+        audit = audit_race(pool, found["sprints"], raw, paced, settings)
     return RaceResult(
         robot=robot.name,
         policy=Path(policy).stem,
         top_speed=top_speed,
-        sprint=sprints[0],
-        sprint_self_paced=sprints[1],
+        sprint=found["sprints"][0],
+        sprint_self_paced=found["sprints"][1],
         raw=raw,
         self_paced=paced,
         audit=audit,
         mass=robot.total_mass,
         wall_time=time.perf_counter() - started,
-        step_check=_step_check(found["steps"], settings) if step_check else None,
-        battery=next(map(_trial, found["battery"]), None),
+        battery=next(iter(found["battery"]), None),
         notes=notes,
         engine=settings.plant.engine,
         second_engine=second,
@@ -166,28 +155,17 @@ def _single_trials(
     pool: TrialPool, speeds: Sequence[float], settings: ProtocolSettings
 ) -> dict[float, tuple[bool, float]]:
     """For every v* before the first at which one nominal trial falls: audit passed, held speed [m/s]."""
-    if not speeds:
-        return {}
     requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
-    upright = takewhile(lambda trial: not trial.fall_reason, pool.trials(requests))
-    return {
-        trial.top_speed: (trial.audit.passed, trial.metrics.held_speed)
-        for trial in upright
-        if trial.completed
-    }
+    upright = takewhile(lambda trial: not trial.fall_reason, pool.trials(requests) if requests else ())
+    completed = [trial for trial in upright if trial.completed]
+    return {trial.top_speed: (trial.audit.passed, trial.metrics.held_speed) for trial in completed}
 
 
-Result = TrialResult | SprintResult
-
-
-def _requests(
-    top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
-) -> dict[str, list[TrialRequest]]:
+def _requests(top_speed: float, distance: float, settings: ProtocolSettings) -> dict[str, list[TrialRequest]]:
     """What a race runs, longest first, so that no core waits for another."""
     sprint = TrialRequest(top_speed=top_speed, distance=distance, plant=settings.plant, keep_trajectory=True)
     battery = battery_request(top_speed, settings)
     return {
-        "steps": list(step_size_requests(top_speed, settings.plant, settings.hold)) if step_check else [],
         "battery": [] if battery is None else [battery],
         "sprints": [sprint, replace(sprint, self_paced=True)],
         "raw": settings.requests(top_speed, False),
@@ -197,10 +175,10 @@ def _requests(
 
 def _run_all(
     pool: TrialPool, requests: dict[str, list[TrialRequest]], progress: Progress
-) -> dict[str, list[Result]]:
+) -> dict[str, list[Any]]:
     """The results by name, all run in one batch."""
     names = [name for name, group in requests.items() for _ in group]
-    found: dict[str, list[Result]] = {name: [] for name in requests}
+    found: dict[str, list[Any]] = {name: [] for name in requests}
     results = pool.stream([request for group in requests.values() for request in group])
     for done, (name, result) in enumerate(zip(names, results, strict=True), start=1):
         found[name].append(result)
@@ -223,24 +201,11 @@ def audit_race(
     return with_clock_loss(audit, check_clock(pool, raw.top_speed, settings=settings, own=raw.trials).cost)
 
 
-def _trial(result: Result) -> TrialResult:
-    assert isinstance(result, TrialResult)
-    return result
-
-
-def _sprint(result: Result) -> SprintResult:
-    assert isinstance(result, SprintResult)
-    return result
-
-
-def _speed_result(results: Sequence[Result], settings: ProtocolSettings) -> SpeedResult:
-    trials = tuple(map(_trial, results))
+def _speed_result(trials: Sequence[TrialResult], settings: ProtocolSettings) -> SpeedResult:
     first = trials[0]
     return SpeedResult(
-        top_speed=first.top_speed, self_paced=first.self_paced, trials=trials, required=settings.required
+        top_speed=first.top_speed,
+        self_paced=first.self_paced,
+        trials=tuple(trials),
+        required=settings.required,
     )
-
-
-def _step_check(results: Sequence[Result], settings: ProtocolSettings) -> StepSizeCheck:
-    coarse, fine = map(_trial, results)
-    return StepSizeCheck(coarse_step=COARSE_STEP, fine_step=settings.plant.timestep, coarse=coarse, fine=fine)

@@ -19,7 +19,13 @@ from sprintlab.core.files import (
     atomic_write_text,
 )
 from sprintlab.evaluation.figures import recorded
-from sprintlab.evaluation.report import Picture, Progress, make_pictures, render_report, representative
+from sprintlab.evaluation.report import (
+    Progress,
+    draw_pictures,
+    planned_figures,
+    render_report,
+    representative,
+)
 from sprintlab.evaluation.results import RaceResult, Trajectory
 from sprintlab.evaluation.video import render_video
 from sprintlab.robots import RobotDescription
@@ -53,15 +59,21 @@ def write_race(
         SprintlabError: the disk is full; nothing half-written is left.
     """
     with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
-        sprint, recording = result.sprint.trial, folder / "trajectory.npz"
+        sprint, recording, film = result.sprint.trial, folder / "trajectory.npz", folder / "sprint.mp4"
         save_trajectory(recording, recorded(sprint))
-        shot = (recording, folder / "sprint.mp4", table, sprint.hold_interval[1])
+        shot = (recording, film, table, sprint.hold_interval[1])
         rendering = background.submit(render_video, *shot) if video else None
         save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
-        pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
+        plan = planned_figures(result, robot)
+        pictures = draw_pictures(plan, lambda title: progress(f"drawing: {title.lower()}"))
+        for picture in pictures:
+            atomic_write_bytes(folder / f"{picture.name}.png", picture.light)
+        atomic_write_json(folder / "result.json", {**result.to_dict(), "facts": facts})
         progress("rendering the video")
         message = rendering.result() if rendering else VIDEO_LEFT_OUT
-        _write_pages(folder, result, robot, pictures, facts, message)
+        mp4, rows = None if message else film.read_bytes(), list(facts.items())
+        html = render_report(result, robot, pictures, rows, mp4, message, replay="replay.html")
+        atomic_write_text(folder / "report.html", html)
     return message
 
 
@@ -87,20 +99,3 @@ def save_trajectory(path: Path, trajectory: Trajectory) -> None:
     stream = io.BytesIO()
     np.savez_compressed(stream, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
     atomic_write_bytes(path, stream.getvalue())
-
-
-def _write_pages(
-    folder: Path,
-    result: RaceResult,
-    robot: RobotDescription,
-    pictures: tuple[Picture, ...],
-    facts: dict[str, str],
-    message: str,
-) -> None:
-    for picture in pictures:
-        atomic_write_bytes(folder / f"{picture.name}.png", picture.light)
-    atomic_write_json(folder / "result.json", {**result.to_dict(), "facts": facts})
-    video = None if message else (folder / "sprint.mp4").read_bytes()
-    rows = list(facts.items())
-    html = render_report(result, robot, pictures, rows, video, message, replay="replay.html")
-    atomic_write_text(folder / "report.html", html)

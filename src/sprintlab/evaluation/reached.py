@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed
-from sprintlab.evaluation.results import AuditReport, SpeedResult, TrialResult
+from sprintlab.evaluation.results import AuditReport, SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import RobotDescription
 
@@ -20,41 +19,23 @@ TRIED = 4
 """Speeds that are tried, each 1 m/s below the last."""
 LEAST_SHARE = 0.5
 """A policy that holds less than this share of the slowest speed does not run."""
-_HOLD = 2.0
-
-
-class Trials(Protocol):
-    """What runs trials: ``TrialPool``."""
-
-    def trials(self, requests: list[TrialRequest]) -> list[TrialResult]:
-        """Results in the order of the requests."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reached:
-    """The highest of the tried speeds whose trials all completed.
-
-    Attributes:
-        speed: its trials.
-        audit: of them.
-    """
+    """The highest of the tried speeds whose trials all completed, and the audit of those trials."""
 
     speed: SpeedResult
     audit: AuditReport
 
 
-def require_a_runner(pool: Trials, speed: float) -> None:
-    """Refuse a policy that cannot be judged, by one short trial.
-
-    Args:
-        pool: of the policy.
-        speed: asked for [m/s]: a slow one.
+def require_a_runner(pool: TrialPool, speed: float) -> None:
+    """Refuse a policy that falls or stands still when asked for a slow ``speed`` [m/s], by one short trial.
 
     Raises:
-        SprintlabError: it falls, or stands still.
+        SprintlabError: as said.
     """
-    trial = pool.trials([TrialRequest(top_speed=speed, hold=_HOLD)])[0]
+    trial = pool.trials([TrialRequest(top_speed=speed, hold=2.0)])[0]
     if trial.fall_reason:
         raise SprintlabError(
             f"the policy does not stay on its feet: asked for {speed:g} m/s it falls after "

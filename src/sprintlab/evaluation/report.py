@@ -27,7 +27,6 @@ from sprintlab.evaluation.report_text import (
     result_rows,
     setup_rows,
     steady_text,
-    summary,
 )
 from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult, TrialResult
 from sprintlab.evaluation.second_engine import ENGINE_STEPS
@@ -55,20 +54,12 @@ DRAKE_REMARK = f"Run in the second engine ({_DRAKE_STEPS}), not in MuJoCo; the r
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """One figure of the report, in both looks.
+    """One figure of the report, in both looks."""
 
-    Attributes:
-        name: file name without ending.
-        title: heading.
-        caption: what to look at.
-        light: PNG on white.
-        dark: PNG on dark.
-    """
-
-    name: str
+    name: str  # file name without ending
     title: str
-    caption: str
-    light: bytes
+    caption: str  # what to look at
+    light: bytes  # PNG
     dark: bytes
 
 
@@ -82,17 +73,6 @@ def representative(result: SpeedResult) -> TrialResult:
     chosen = [trial for trial in kept if trial.completed] or kept or list(result.trials)
     figures.recorded(chosen[0])
     return chosen[0]
-
-
-def make_pictures(
-    result: RaceResult, robot: RobotDescription, progress: Progress = lambda _: None
-) -> tuple[Picture, ...]:
-    """Draw every figure of a race in both looks.
-
-    Raises:
-        SimulationError: a trajectory is missing or holds NaN.
-    """
-    return draw_pictures(planned_figures(result, robot), progress)
 
 
 def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: None) -> tuple[Picture, ...]:
@@ -119,7 +99,7 @@ def render_report(
     Args:
         result: the race.
         robot: the robot that ran it.
-        pictures: from ``make_pictures``.
+        pictures: from ``draw_pictures``.
         facts: name and value pairs that say how to repeat it (command, versions, policy).
         video: MP4 file, embedded when given.
         video_message: one line that stands in the place of a missing video.
@@ -133,7 +113,6 @@ def render_report(
         audit_passed=result.audit.passed,
         failures=[*map(audit_failure, result.audit.failed), *([fault] if fault else [])],
         tiles=list(_tiles(result)),
-        summary=summary(result, robot),
         setup=list(setup_rows(result, robot)),
         results=list(result_rows(result)),
         engines=engine_table(result),
@@ -214,13 +193,8 @@ def _base64(data: bytes) -> str:
 
 def embedded(picture: Picture) -> dict[str, str]:
     """A picture as the templates take it."""
-    return {
-        "name": picture.name,
-        "title": picture.title,
-        "caption": picture.caption,
-        "light": _base64(picture.light),
-        "dark": _base64(picture.dark),
-    }
+    pages = {"light": _base64(picture.light), "dark": _base64(picture.dark)}
+    return {"name": picture.name, "title": picture.title, "caption": picture.caption, **pages}
 
 
 def _tiles(result: RaceResult) -> Iterator[tuple[str, str, str]]:

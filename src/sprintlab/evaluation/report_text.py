@@ -1,4 +1,4 @@
-"""The words and tables of a race: sentences are computed, so that they say what happened."""
+"""The words and tables of a race."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sprintlab.evaluation.results import (
     SprintResult,
     TrialResult,
 )
-from sprintlab.evaluation.second_engine import ENGINE_NAMES, ENGINE_STEPS, mark, speed_change
+from sprintlab.evaluation.second_engine import ENGINE_NAMES, ENGINE_STEPS, mark
 from sprintlab.evaluation.trial import STALL_TIME, STALL_WAY
 from sprintlab.robots import RobotDescription
 
@@ -31,15 +31,11 @@ LANE_MARK = "left its lane"
 def sprint_text(sprint: SprintResult) -> str:
     """Time of a sprint with the mark of a lane that was left, or the reason that it did not finish."""
     if sprint.stalled:
-        return f"given up: {_stall_text(sprint)}"
+        way = sprint.trial.metrics.distance
+        return f"given up: less than {STALL_WAY:g} m in {STALL_TIME:g} s, {way:.1f} m from the start"
     if not sprint.finished:
         return "not finished"
     return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)
-
-
-def _stall_text(sprint: SprintResult) -> str:
-    way = sprint.trial.metrics.distance
-    return f"less than {STALL_WAY:g} m in {STALL_TIME:g} s, {way:.1f} m from the start"
 
 
 def fall_text(trial: TrialResult) -> str:
@@ -110,15 +106,7 @@ def steady_text(result: SpeedResult) -> str:
 
 
 class ResultRow(NamedTuple):
-    """One line of the table of results, raw beside self-paced.
-
-    Attributes:
-        name: what the quantity is called.
-        raw: mean ± standard deviation over the trials that completed.
-        self_paced: the same, self-paced.
-        unit: as text.
-        meaning: half a sentence.
-    """
+    """One line of the table of results: mean ± standard deviation over the trials that completed."""
 
     name: str
     raw: str
@@ -195,79 +183,6 @@ def engine_fault(result: RaceResult) -> str:
         return ""
     found = mark(result.raw, result.second_engine.raw)
     return f"second engine, {ENGINE_NAMES[result.second_engine.engine]}: {found}" if found else ""
-
-
-def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
-    """What a reader in a hurry must know, one sentence a point; nothing is said that was not measured."""
-    raw, trials = result.raw, len(result.raw.trials) + len(result.self_paced.trials)
-    said = [
-        _sprint_sentence(result),
-        f"{raw.falls + result.self_paced.falls} of {trials} seeded trials fell.",
-        *_held_sentences(result, robot),
-        *_stop_sentences(result),
-        *_engine_sentences(result),
-    ]
-    failed = "; ".join(map(audit_failure, result.audit.failed))
-    audit = f"The exploit audit failed ({failed}): the speeds are not to be trusted." if failed else ""
-    return [*said, audit or "Every check of the exploit audit passed."]
-
-
-def _sprint_sentence(result: RaceResult) -> str:
-    raw, paced = result.sprint, result.sprint_self_paced
-    ways = [
-        f"in {sprint.time:.2f} s {way}" + (f" ({LANE_MARK})" if sprint.left_lane else "")
-        for sprint, way in ((raw, "with the raw command"), (paced, "self-paced"))
-        if sprint.finished
-    ]
-    start = f"{result.robot.upper()} ({result.mass:.1f} kg)"
-    if raw.stalled and paced.stalled:
-        return f"{start} gets nowhere: {_stall_text(raw)}; the race was given up."
-    return (
-        f"{start} ran {raw.distance:g} m {' and '.join(ways)}."
-        if ways
-        else f"{start} did not finish the {raw.distance:g} m."
-    )
-
-
-def _held_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
-    """Speed, busiest motor and power of the raw trials that completed."""
-    raw = result.raw
-    if not raw.completed:
-        return
-    held, steady = raw.mean("held_speed"), steady_text(raw)
-    gap = result.top_speed - held
-    met = f"{gap:.2f} m/s short of the command" if gap > 0.05 else "as commanded"
-    yield f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, {met}{steady and f'; {steady}'}."
-    share = np.asarray(raw.mean("envelope_share"), dtype=float)
-    busiest = robot.joint_names[int(share.argmax())].replace("_", " ")
-    yield f"The busiest motor, {busiest}, sits on its torque limit for {100 * share.max():.0f} % of the time."
-    drawn, heat = (raw.mean(name) / 1e3 for name in ("electrical_power", "copper_power"))
-    yield f"At speed the motors draw {drawn:.1f} kW from the bus; {heat:.1f} kW become heat in the windings."
-
-
-def _stop_sentences(result: RaceResult) -> Iterator[str]:
-    """Whether it obeys the command to stop."""
-    for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        upright = [trial.metrics.final_speed for trial in group.trials if not trial.fall_reason]
-        if (speed := max(upright, default=0.0)) > REST_SPEED:
-            yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
-
-
-def _engine_sentences(result: RaceResult) -> Iterator[str]:
-    """What the second engine says, in one sentence."""
-    second = result.second_engine
-    if second is None:
-        return
-    name, other = ENGINE_NAMES[second.engine], ENGINE_NAMES[result.engine]
-    held, change = second.raw.mean("held_speed"), speed_change(result.raw, second.raw)
-    if not np.isfinite(held):
-        yield f"In {name}, the second engine, no trial was completed: the speeds are {other}'s alone."
-        return
-    text = f"In {name}, the second engine, it holds {held:.2f} m/s"
-    if np.isfinite(change):
-        text += f", {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} than in {other}"
-    fault = mark(result.raw, second.raw)
-    yield f"{text}: {fault}." if fault else f"{text}."
 
 
 def setup_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[str, str]]:

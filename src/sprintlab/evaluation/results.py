@@ -93,27 +93,16 @@ def require_finite(trajectory: Trajectory) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateBand:
-    """Errors of a policy's estimate while the robot really ran at a speed of this band.
+    """Errors of a policy's estimate while the robot really ran at a speed of this band."""
 
-    Attributes:
-        lower: slowest speed of the band [m/s].
-        upper: fastest speed of the band [m/s].
-        samples: policy steps that count.
-        forward_bias: mean of estimated minus true forward velocity [m/s].
-        forward_error: its root mean square [m/s].
-        velocity_error: root mean square of the length of the velocity error, all three axes [m/s].
-        height_error: root mean square [m].
-        contact_accuracy: share of feet and steps at which contact or flight was told rightly.
-    """
-
-    lower: float
-    upper: float
-    samples: int
-    forward_bias: float
-    forward_error: float
-    velocity_error: float
-    height_error: float
-    contact_accuracy: float
+    lower: float  # slowest speed of the band [m/s]
+    upper: float  # fastest speed of the band [m/s]
+    samples: int  # policy steps that count
+    forward_bias: float  # mean of estimated minus true forward velocity [m/s]
+    forward_error: float  # its root mean square [m/s]
+    velocity_error: float  # root mean square of the length of the velocity error, all three axes [m/s]
+    height_error: float  # root mean square [m]
+    contact_accuracy: float  # share of feet and steps at which contact or flight was told rightly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,54 +142,33 @@ class TrialMetrics:
     over_speed_share: float = shown("over_speed_share", "time beyond no-load speed, all joints", 4, "",
         "share of all joints' time in which the drive can only brake")
     # fmt: on
-    distance: float = math.nan
-    """Forward distance of the base [m]."""
-    envelope_share: tuple[float, ...] = ()
-    """Share of the time asked to move in which each joint's torque sits on a limit ``(joints,)``."""
-    feet: tuple[str, ...] = ()
-    """Names of the legs."""
-    duty_factor: tuple[float, ...] = ()
-    """Share of time on the ground ``(legs,)``."""
-    load_share: tuple[float, ...] = ()
-    """Share of the ground's force that each foot bears ``(legs,)``."""
-    asked_speed: float = math.nan
-    """What the profile asks for at the end of the hold, where that is constant [m/s]."""
-    touchdowns_per_stride: float = math.nan
-    """Touchdowns per stride and foot, every bounce counted."""
-    foot_force: float = math.nan
-    """Greatest force of the ground on one foot, mean over 5 ms [body weights, payload included]."""
-    gear_torque_ratio: tuple[float, ...] = ()
-    """Greatest torque through each gear, mean over 1 ms, over the joint's peak ``(joints,)``."""
-    joint_speed_ratio: tuple[float, ...] = ()
-    """Highest motor speed over no-load speed ``(joints,)``."""
-    pad_deflection: float = math.nan
-    """Deepest that a foot's pad is pressed in [m]."""
-    smallest_leg_distance: float = math.nan
-    """Between the surfaces of two legs [m]; negative: they overlap."""
-    slip_per_step: float = math.nan
-    """Mean distance that a foot slides in one stance [m]."""
-    final_speed: float = math.nan
-    """Highest horizontal speed in the last second [m/s]; ``nan`` after a fall."""
-    lane_excursion: float = math.nan
-    """Farthest outer edge of a foot from the line through the start, up to the finish of a sprint [m]."""
-    line_winding_temperature: float = math.nan
-    """Hottest winding at the finish of a sprint [degC]; from 25 degC and the currents where heat is off."""
-    estimate: tuple[EstimateBand, ...] = ()
-    """Errors of the policy's estimate by speed; empty for a policy without an estimator."""
-    lowest_bus_voltage: float | None = None
-    """[V]; ``None``, as is its time, without battery, heat and flux weakening."""
-    lowest_bus_time: float | None = None
-    """When the bus was so low [s]."""
-    hottest_winding: float | None = None
-    """[degC]; ``None`` without heat."""
-    highest_i2t_level: float | None = None
-    """Of all joints [-]; ``None`` without a limit by I²t."""
-    i2t_full: tuple[tuple[str, float], ...] = ()
-    """Joints whose drive fell back to its continuous current, and when first [s]."""
+    distance: float = math.nan  # forward distance of the base [m]
+    envelope_share: tuple[float, ...] = ()  # (joints,) share of the time asked to move with torque on a limit
+    feet: tuple[str, ...] = ()  # names of the legs
+    duty_factor: tuple[float, ...] = ()  # (legs,) share of time on the ground
+    load_share: tuple[float, ...] = ()  # (legs,) share of the ground's force that each foot bears
+    asked_speed: float = math.nan  # what the profile asks for at the end of the hold, if constant [m/s]
+    touchdowns_per_stride: float = math.nan  # per foot, every bounce counted
+    foot_force: float = math.nan  # greatest on one foot, mean over 5 ms [body weights, payload included]
+    gear_torque_ratio: tuple[float, ...] = ()  # (joints,) greatest mean over 1 ms over the joint's peak
+    joint_speed_ratio: tuple[float, ...] = ()  # (joints,) highest motor speed over no-load speed
+    pad_deflection: float = math.nan  # deepest that a foot's pad is pressed in [m]
+    smallest_leg_distance: float = math.nan  # between surfaces of two legs [m]; negative: they overlap
+    slip_per_step: float = math.nan  # mean distance that a foot slides in one stance [m]
+    final_speed: float = math.nan  # highest horizontal speed in the last second [m/s]; nan after a fall
+    lane_excursion: float = math.nan  # farthest outer edge of a foot from the middle, up to the finish [m]
+    line_winding_temperature: float = math.nan  # hottest winding at the finish of a sprint [degC]; from
+    # 25 degC and the currents where heat is off
+    estimate: tuple[EstimateBand, ...] = ()  # by speed; empty for a policy without an estimator
+    lowest_bus_voltage: float | None = None  # [V]; None without battery, heat and flux weakening
+    lowest_bus_time: float | None = None  # when the bus was so low [s]
+    hottest_winding: float | None = None  # [degC]; None without heat
+    highest_i2t_level: float | None = None  # of all joints [-]; None without a limit by I²t
+    i2t_full: tuple[tuple[str, float], ...] = ()  # joints that fell back to continuous current, and when [s]
 
     @property
     def command_share(self) -> float:
-        """Held speed over the constant speed asked for; ``nan`` where none is."""
+        """Held speed over the constant speed asked for; ``nan`` where the speed asked for varies."""
         return self.held_speed / self.asked_speed if self.asked_speed > 0.0 else math.nan
 
 
@@ -215,31 +183,18 @@ def quantity_numbers(value_of: Callable[[str], Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class AuditItem:
-    """One measured exploit.
+    """One measured exploit."""
 
-    Attributes:
-        name: e.g. ``"gear torque"``.
-        value: median over the trials of each trial's worst.
-        worst: the same of the worst trial, which may miss the limit a little: see ``audit_trials``.
-        unit: unit of value and threshold, ``""`` for a ratio.
-        threshold: the limit.
-        passed: whether the value keeps the limit.
-        note: what was measured, and why it is asked.
-        source: where the limit comes from.
-        bound: ``"at most"`` or ``"at least"``: from which side the limit bounds.
-        detail: what the worst trial did, in words; may be empty.
-    """
-
-    name: str
-    value: float
-    unit: str
+    name: str  # e.g. "gear torque"
+    value: float  # median over the trials of each trial's worst
+    unit: str  # of value and threshold, empty for a ratio
     threshold: float
     passed: bool
-    note: str
-    source: str = ""
-    bound: str = "at most"
-    worst: float = math.nan
-    detail: str = ""
+    note: str  # what was measured, and why it is asked
+    source: str = ""  # where the limit comes from
+    bound: str = "at most"  # or "at least": from which side the limit bounds
+    worst: float = math.nan  # of the worst trial, which may miss the limit a little: see audit_trials
+    detail: str = ""  # what the worst trial did, in words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +206,7 @@ class AuditReport:
     @property
     def passed(self) -> bool:
         """True when every item passed."""
-        return all(item.passed for item in self.items)
+        return not self.failed
 
     @property
     def failed(self) -> tuple[AuditItem, ...]:
@@ -265,48 +220,28 @@ class AuditReport:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """One run of one profile.
+    """One run of one profile."""
 
-    Attributes:
-        settings: what was drawn for this trial.
-        top_speed: v* of the profile [m/s].
-        self_paced: whether the command was held near the measured speed.
-        completed: no fall from start to end, and at rest in the last second.
-        fall_time: when it fell [s], ``None`` when it did not.
-        fall_reason: ``"tilt"``, ``"trunk contact"`` or ``"knee contact"``; ``""`` when it did not fall.
-        hold_interval: start and end of the hold [s].
-        metrics: summary of the trajectory.
-        audit: exploit audit of this trial.
-        trajectory: the arrays, ``None`` when only the summary was kept.
-    """
-
-    settings: TrialSettings
-    top_speed: float
-    self_paced: bool
-    completed: bool
-    fall_time: float | None
-    fall_reason: str
-    hold_interval: tuple[float, float]
+    settings: TrialSettings  # what was drawn for this trial
+    top_speed: float  # v* of the profile [m/s]
+    self_paced: bool  # whether the command was held near the measured speed
+    completed: bool  # no fall from start to end, and at rest in the last second
+    fall_time: float | None  # [s]
+    fall_reason: str  # "tilt", "trunk contact", "knee contact"; empty without a fall
+    hold_interval: tuple[float, float]  # start and end of the hold [s]
     metrics: TrialMetrics
     audit: AuditReport
-    trajectory: Trajectory | None = None
+    trajectory: Trajectory | None = None  # None when only the summary was kept
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedResult:
-    """All trials of one profile speed.
+    """All trials of one profile speed."""
 
-    Attributes:
-        top_speed: v* [m/s].
-        self_paced: how the profile was given.
-        trials: the trials, in the order of their seeds.
-        required: how many must complete.
-    """
-
-    top_speed: float
+    top_speed: float  # v* [m/s]
     self_paced: bool
-    trials: tuple[TrialResult, ...]
-    required: int
+    trials: tuple[TrialResult, ...]  # in the order of their seeds
+    required: int  # how many must complete
 
     @property
     def completed(self) -> tuple[TrialResult, ...]:
@@ -357,41 +292,33 @@ class SpeedResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers, keys with units."""
-        return {
-            **quantity_numbers(self.mean),
-            "falls": self.falls,
-            "not_stopped": self.not_stopped,
-            "trials": len(self.trials),
-            "held_steady": self.held_steady,
-            "envelope_share": self.mean("envelope_share"),
-            "duty_factor": self.mean("duty_factor"),
-        }
+        own = {name: getattr(self, name) for name in ("falls", "not_stopped", "held_steady")}
+        means = {name: self.mean(name) for name in ("envelope_share", "duty_factor")}
+        return {**quantity_numbers(self.mean), **own, "trials": len(self.trials), **means}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolResult:
-    """The search for the highest speed, one way of giving the command.
-
-    Attributes:
-        self_paced: how the profile was given.
-        speeds: every v* tried, rising; at the last one too many trials fell, or it is the search's top.
-        common: trials at the speed common to all methods, ``None`` when none was asked for.
-    """
+    """The search for the highest speed, one way of giving the command."""
 
     self_paced: bool
-    speeds: tuple[SpeedResult, ...]
-    common: SpeedResult | None = None
+    speeds: tuple[SpeedResult, ...]  # every v* tried, rising
+    common: SpeedResult | None = None  # at the speed common to all methods, where one was asked for
+
+    @property
+    def _ran(self) -> tuple[SpeedResult, ...]:
+        """Every v* before the first at which too many trials fell, rising."""
+        return tuple(takewhile(lambda speed: speed.ran, self.speeds))
 
     @property
     def passed(self) -> tuple[SpeedResult, ...]:
         """Every v* at which enough trials completed, before the first at which too many fell, rising."""
-        return tuple(speed for speed in takewhile(lambda speed: speed.ran, self.speeds) if speed.passed)
+        return tuple(speed for speed in self._ran if speed.passed)
 
     @property
     def running(self) -> SpeedResult | None:
         """The highest v* before the first at which too many trials fell; stopping is not asked for."""
-        ran = tuple(takewhile(lambda speed: speed.ran, self.speeds))
-        return ran[-1] if ran else None
+        return self._ran[-1] if self._ran else None
 
     @property
     def best(self) -> SpeedResult | None:
@@ -410,19 +337,12 @@ class ProtocolResult:
 
 @dataclass(frozen=True, kw_only=True)
 class SprintResult:
-    """One run over a distance.
+    """One run over a distance."""
 
-    Attributes:
-        distance: to run [m].
-        time: from the first non-zero command to the base's last metre [s]; ``nan`` when not reached.
-        trial: the run itself.
-        stalled: whether it was given up because the robot got nowhere.
-    """
-
-    distance: float
-    time: float
+    distance: float  # to run [m]
+    time: float  # from the first non-zero command to the base's last metre [s]; nan when not reached
     trial: TrialResult
-    stalled: bool = False
+    stalled: bool = False  # given up because the robot got nowhere
 
     @property
     def finished(self) -> bool:
@@ -436,27 +356,6 @@ class SprintResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepSizeCheck:
-    """The same trial with coarse and fine simulation steps [s]."""
-
-    coarse_step: float
-    fine_step: float
-    coarse: TrialResult
-    fine: TrialResult
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers of both."""
-        return {
-            "coarse_step_s": self.coarse_step,
-            "fine_step_s": self.fine_step,
-            "coarse_held_speed_m_s": self.coarse.metrics.held_speed,
-            "fine_held_speed_m_s": self.fine.metrics.held_speed,
-            "coarse_completed": self.coarse.completed,
-            "fine_completed": self.fine.completed,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
 class EngineResult:
     """The sprint and the raw trials of a race in one of ``sprintlab.plant.ENGINES``."""
 
@@ -466,56 +365,32 @@ class EngineResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON-ready values, under the keys of ``result.json``."""
+        means = {"sprint_time_s": self.sprint.time, **quantity_numbers(self.raw.mean)}
         return json_ready(
-            {
-                "engine": self.engine,
-                "sprint_time_s": self.sprint.time,
-                **quantity_numbers(self.raw.mean),
-                "falls": self.raw.falls,
-                "trials": len(self.raw.trials),
-            }
+            {"engine": self.engine, **means, "falls": self.raw.falls, "trials": len(self.raw.trials)}
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class RaceResult:
-    """The 100 m and the protocol at the policy's top speed.
-
-    Attributes:
-        robot: name of the robot.
-        policy: name of the policy.
-        top_speed: v* of the profile [m/s].
-        sprint: the 100 m, raw command.
-        sprint_self_paced: the 100 m, self-paced.
-        raw: the seeded trials at ``top_speed``, raw command.
-        self_paced: the same, self-paced.
-        audit: worst case over every trial.
-        mass: total mass of the robot [kg].
-        wall_time: how long the race took to compute [s].
-        step_check: step-size check, ``None`` when it was not asked for.
-        battery: one raw trial on a battery and with warm windings; ``None`` where every trial has both.
-        notes: what differs from the published numbers' plant, and other remarks.
-        engine: the physics that it was run in, one of ``sprintlab.plant.ENGINES``.
-        second_engine: the 100 m and the raw trials in another engine, ``None`` when that was not asked for.
-        policy_facts: hash and training of the policy that ran, in words.
-    """
+    """The 100 m and the protocol at the policy's top speed."""
 
     robot: str
     policy: str
-    top_speed: float
-    sprint: SprintResult
+    top_speed: float  # v* of the profile [m/s]
+    sprint: SprintResult  # raw command
     sprint_self_paced: SprintResult
-    raw: SpeedResult
+    raw: SpeedResult  # the seeded trials at top_speed, raw command
     self_paced: SpeedResult
-    audit: AuditReport
-    mass: float
-    wall_time: float
-    step_check: StepSizeCheck | None = None
-    battery: TrialResult | None = None
-    notes: tuple[str, ...] = ()
-    engine: str = "mujoco"
+    audit: AuditReport  # of every trial
+    mass: float  # of the robot [kg]
+    wall_time: float  # how long the race took to compute [s]
+    battery: TrialResult | None = None  # one raw trial on a battery and with warm windings; None where
+    # every trial has both
+    notes: tuple[str, ...] = ()  # what differs from the published numbers' plant, and other remarks
+    engine: str = "mujoco"  # one of sprintlab.plant.ENGINES
     second_engine: EngineResult | None = None
-    policy_facts: Mapping[str, str] = field(default_factory=dict[str, str])
+    policy_facts: Mapping[str, str] = field(default_factory=dict[str, str])  # hash and training of the policy
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
@@ -540,7 +415,6 @@ class RaceResult:
                 **self.raw.to_dict(),
                 "self_paced": self.self_paced.to_dict(),
                 "audit": self.audit.to_dict(),
-                "step_size_check": self.step_check and self.step_check.to_dict(),
                 "battery": self.battery and supply_numbers(self.battery),
                 "engine": self.engine,
                 "second_engine": self.second_engine and self.second_engine.to_dict(),

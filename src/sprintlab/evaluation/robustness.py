@@ -22,17 +22,9 @@ from sprintlab.robots import RESTITUTION_BAND, STIFFNESS_BAND, FootContact
 Interval = tuple[float, float]
 
 CAUSES = (
-    "friction",
-    "payload",
-    "centre of mass",
-    "strength",
-    "bus voltage",
-    "delay",
-    "sensor noise",
-    "joint offsets",
-    "pushes",
-    "foot",
-)
+    "friction", "payload", "centre of mass", "strength", "bus voltage", "delay", "sensor noise",
+    "joint offsets", "pushes", "foot",
+)  # fmt: skip
 """What can differ from the nominal robot, each by itself or all at once."""
 
 ALL, NOMINAL = "all", "nominal"
@@ -49,34 +41,21 @@ _NORMAL_95 = 1.959963984540054  # quantile of the normal distribution for a two-
 class RobustnessRanges:
     """What is drawn from, evenly (the foot's stiffness: evenly in its logarithm).
 
-    Attributes:
-        friction: sliding friction of feet and ground.
-        payload: mass added to the trunk [kg].
-        center_of_mass: half-width of the trunk's shift along each axis [m].
-        strength: delivered over asked torque.
-        bus_voltage: over the robot's nominal one; 0.9 to 1 are 54 to 60 V for BP2.
-        delay: from reading to new targets [s].
-        sensor_noise: over that of training.
-        joint_offset: half-width of the encoders' zero errors [rad].
-        push_speed: change of speed with each push; on average one in 3 s [m/s].
-        foot_stiffness: stiffness of the pads [N/m].
-        foot_restitution: restitution of the pads.
-
     Raises:
         InvalidValueError: an interval is out of range.
     """
 
-    friction: Interval = (0.5, 1.2)
-    payload: Interval = (-1.0, 4.0)
-    center_of_mass: float = 0.03
-    strength: Interval = (0.9, 1.0)
-    bus_voltage: Interval = (0.9, 1.0)
-    delay: Interval = (0.0, 0.010)
-    sensor_noise: float = 1.0
-    joint_offset: float = 0.02
-    push_speed: float = 0.5
-    foot_stiffness: Interval = STIFFNESS_BAND
-    foot_restitution: Interval = RESTITUTION_BAND
+    friction: Interval = (0.5, 1.2)  # sliding friction of feet and ground
+    payload: Interval = (-1.0, 4.0)  # mass added to the trunk [kg]
+    center_of_mass: float = 0.03  # half-width of the trunk's shift along each axis [m]
+    strength: Interval = (0.9, 1.0)  # delivered over asked torque
+    bus_voltage: Interval = (0.9, 1.0)  # over the robot's nominal one: 54 to 60 V for BP2
+    delay: Interval = (0.0, 0.010)  # from reading to new targets [s]
+    sensor_noise: float = 1.0  # over that of training
+    joint_offset: float = 0.02  # half-width of the encoders' zero errors [rad]
+    push_speed: float = 0.5  # change of speed with each push, on average one in 3 s [m/s]
+    foot_stiffness: Interval = STIFFNESS_BAND  # of the pads [N/m]
+    foot_restitution: Interval = RESTITUTION_BAND  # of the pads
 
     def __post_init__(self) -> None:
         for name in ("friction", "strength", "bus_voltage", "foot_stiffness", "foot_restitution"):
@@ -146,23 +125,15 @@ def _draws(seed: int, ranges: RobustnessRanges, bus_voltage: float) -> dict[str,
 class StudySettings:
     """What is run.
 
-    Attributes:
-        top_speed: v* of every sprint [m/s].
-        trials: sprints with everything randomized at once.
-        cause_trials: sprints of each cause alone, and of the nominal robot.
-        distance: length of each sprint [m].
-        seed: seed of the first sprint; the next one has the next seed.
-        ranges: what is drawn from.
-
     Raises:
         InvalidValueError: a number is out of range.
     """
 
-    top_speed: float
-    trials: int = 1000
-    cause_trials: int = 20
-    distance: float = 100.0
-    seed: int = 0
+    top_speed: float  # v* of every sprint [m/s]
+    trials: int = 1000  # sprints with everything randomized at once
+    cause_trials: int = 20  # sprints of each cause alone, and of the nominal robot
+    distance: float = 100.0  # of each sprint [m]
+    seed: int = 0  # of the first sprint; the next one has the next seed
     ranges: RobustnessRanges = field(default_factory=RobustnessRanges)
 
     def __post_init__(self) -> None:
@@ -175,20 +146,15 @@ class StudySettings:
     def cases(self, bus_voltage: float) -> list[Case]:
         """Every sprint, in the order in which they are run; nominal bus voltage [V]."""
         counts = {**dict.fromkeys((NOMINAL, *CAUSES), self.cause_trials), ALL: self.trials}
-        plant = PlantOptions(record_rate=_RECORD_RATE)
+        same: dict[str, Any] = {
+            "top_speed": self.top_speed,
+            "bus_voltage": bus_voltage,
+            "distance": self.distance,
+            "ranges": self.ranges,
+            "plant": PlantOptions(record_rate=_RECORD_RATE),
+        }
         return [
-            Case(
-                group=group,
-                request=draw_request(
-                    self.seed + trial,
-                    group,
-                    top_speed=self.top_speed,
-                    bus_voltage=bus_voltage,
-                    distance=self.distance,
-                    ranges=self.ranges,
-                    plant=plant,
-                ),
-            )
+            Case(group=group, request=draw_request(self.seed + trial, group, **same))
             for group, count in counts.items()
             for trial in range(count)
         ]
@@ -209,8 +175,7 @@ def run_study(
         progress: called after every sprint with how many are done, and of how many.
 
     Raises:
-        SprintlabError: the folder holds another study, or the disk refuses.
-        SimulationError: as ``run_sprint``.
+        SprintlabError: the folder holds another study, the disk refuses, or as ``run_sprint``.
     """
     identity = {
         "policy": pool.policy.digest,

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive, check_range
@@ -94,17 +93,16 @@ def audit_rollout(rollout: Rollout, motors: JointMotors, policy_rate: float = 50
     motors = motors.ordered(rollout.joint_names or rollout.names)
     velocity, torque = rollout.joint_velocity, rollout.joint_torque
     lower, upper = joint_envelope(motors, velocity)
-    below, above = joint_envelope(motors, velocity, "simplified-dc")
-    reach = _reach(motors)
-    excess = np.maximum(np.maximum(torque - upper, lower - torque), 0.0)
+    excess, reach = _excess(motors, velocity, torque), _reach(motors)
     beyond = excess > reach
+    allowed_without = _excess(motors, velocity, torque, "simplified-dc") <= reach
     given = np.clip(torque, lower, upper)
     shaft = desaturate(motors.motor, shaft_torque(motors.gear, given, velocity))
     fastest = no_load_speed(motors.motor, motors.bus_voltage)
     ratio = np.abs(np.asarray(motor_speed(motors.gear, velocity))) / fastest
-    columns = {
+    columns = {  # fields of JointVerdict
         "impossible": beyond.mean(axis=0),
-        "v_d_only": (beyond & (torque <= above + reach) & (torque >= below - reach)).mean(axis=0),
+        "v_d_only": (beyond & allowed_without).mean(axis=0),
         "largest_excess": excess.max(axis=0),
         "over_speed": (ratio > 1.0).mean(axis=0),
         "speed_ratio": ratio.max(axis=0),
@@ -143,6 +141,14 @@ def joint_envelope(
     return lower, upper
 
 
+def _excess(
+    motors: JointMotors, velocity: FloatArray, torque: FloatArray, model: MotorModel = "refined"
+) -> FloatArray:
+    """Torque beyond the envelope ``(T, n)`` [N m]; zero inside of it."""
+    lower, upper = joint_envelope(motors, velocity, model)
+    return np.maximum(np.maximum(torque - upper, lower - torque), 0.0)
+
+
 def _reach(motors: JointMotors) -> FloatArray:
     """By how much a sample may exceed the envelope [N m]."""
     return MARGIN * np.asarray(joint_torque(motors.gear, motors.motor.peak_torque))
@@ -154,18 +160,14 @@ def _stance_and_slip(rollout: Rollout) -> tuple[float | None, float | None]:
         return None, None
     step, spans, slid = np.diff(rollout.time, append=rollout.time[-1]), [], []
     for foot, contact in enumerate(rollout.foot_contact.T):
-        for start, end in _whole_stances(contact):
+        for start, end in stances(contact != 0.0):
+            if start == 0 or end == len(contact):
+                continue
             spans.append(rollout.time[end] - rollout.time[start])
             if rollout.foot_velocity is not None:
                 speed = np.linalg.norm(rollout.foot_velocity[start:end, foot, :2], axis=-1)
                 slid.append(float(speed @ step[start:end]))
     return float(np.median(spans)) if spans else None, float(np.mean(slid)) if slid else None
-
-
-def _whole_stances(contact: FloatArray) -> NDArray[np.intp]:
-    """Stances of one foot that begin and end within the recording, as ``[start, end)`` samples ``(n, 2)``."""
-    phases = stances(contact != 0.0)
-    return phases[(phases[:, 0] > 0) & (phases[:, 1] < len(contact))]
 
 
 def _unused_feet(rollout: Rollout) -> tuple[str, ...]:
@@ -188,8 +190,7 @@ def rollout_figure(rollout: Rollout, motors: JointMotors) -> Figure:
     motors, columns = motors.ordered(rollout.names), min(joints, 4)
     rows = -(-joints // columns)
     figure, axes = themed_figure(LIGHT, (3.0 * columns + 0.6, 2.6 * rows + 0.4), rows, columns)
-    limits, reach = joint_envelope(motors, velocity), _reach(motors)
-    beyond = (torque > limits[1] + reach) | (torque < limits[0] - reach)
+    beyond = _excess(motors, velocity, torque) > _reach(motors)
     fastest = np.max(no_load_speed(motors.motor, motors.bus_voltage) / np.asarray(motors.gear.ratio))
     top = 1.08 * max(float(np.abs(velocity).max()), float(fastest))
     grid = np.repeat(np.linspace(-top, top, 401)[:, None], joints, axis=1)

@@ -23,31 +23,21 @@ _NAMES = ("joint_names", "foot_names")
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """What was recorded, SI units, one row per sample.
-
-    Attributes:
-        time: ``(T,)`` [s], rising.
-        joint_velocity: ``(T, n)`` [rad/s].
-        joint_torque: ``(T, n)`` what the simulator put on the joints [N m].
-        joint_names: one per column; empty where they were not recorded.
-        base_velocity: ``(T, 2)`` or ``(T, 3)``, forward first [m/s]; ``None`` where it was not recorded.
-        foot_contact: ``(T, feet)``, nonzero on the ground; ``None`` where it was not recorded.
-        foot_velocity: ``(T, feet, 2 or 3)`` of the feet over the ground [m/s]; ``None`` likewise.
-        foot_names: one per foot; ``foot 0``, ... when left out.
+    """What was recorded, SI units, one row per sample; what was not recorded is empty or ``None``.
 
     Raises:
         InvalidValueError: fewer than two samples, shapes that do not fit, time that does not rise, numbers
             that are not finite, or names that are repeated or not as many as the columns.
     """
 
-    time: FloatArray
-    joint_velocity: FloatArray
-    joint_torque: FloatArray
-    joint_names: tuple[str, ...] = ()
-    base_velocity: FloatArray | None = None
-    foot_contact: FloatArray | None = None
-    foot_velocity: FloatArray | None = None
-    foot_names: tuple[str, ...] = ()
+    time: FloatArray  # (T,) [s], rising
+    joint_velocity: FloatArray  # (T, n) [rad/s]
+    joint_torque: FloatArray  # (T, n) what the simulator put on the joints [N m]
+    joint_names: tuple[str, ...] = ()  # one per column
+    base_velocity: FloatArray | None = None  # (T, 2 or 3) forward first [m/s]
+    foot_contact: FloatArray | None = None  # (T, feet) nonzero on the ground
+    foot_velocity: FloatArray | None = None  # (T, feet, 2 or 3) over the ground [m/s]
+    foot_names: tuple[str, ...] = ()  # one per foot
 
     def __post_init__(self) -> None:
         for name in ("time", *_TABLES):
@@ -57,27 +47,26 @@ class Rollout:
             raise InvalidValueError("time", f"{np.size(self.time)} samples", "at least two, rising [s]")
         self._check_shapes()
         joints, feet = self.joint_velocity.shape[1], _columns(self.foot_contact)
-        for names, field, count in (
-            (self.joint_names, "joint_names", joints),
-            (self.foot_names, "foot_names", feet),
-        ):
+        for field, count in (("joint_names", joints), ("foot_names", feet)):
+            names = getattr(self, field)
             if names and len(names) != count:
                 raise InvalidValueError(field, f"{len(names)} names", f"one for each of {count}")
             check_unique(names)
 
     def _check_shapes(self) -> None:
-        samples, joints = len(self.time), _columns(self.joint_velocity)
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
-            ("joint_velocity", "joint_torque"), (samples, joints)
-        )
-        shapes["base_velocity"] = (samples, max(2, min(_columns(self.base_velocity), 3)))
-        shapes["foot_contact"] = (samples, feet := _columns(self.foot_contact))
-        if self.foot_velocity is not None:
-            shapes["foot_velocity"] = (samples, feet, 3 if self.foot_velocity.shape[-1] == 3 else 2)
-        for name, shape in shapes.items():
+        samples, joints, feet = len(self.time), _columns(self.joint_velocity), _columns(self.foot_contact)
+        shapes: dict[str, tuple[tuple[int, ...], ...]] = {
+            "joint_velocity": ((samples, joints),),
+            "joint_torque": ((samples, joints),),
+            "base_velocity": ((samples, 2), (samples, 3)),
+            "foot_contact": ((samples, feet),),
+            "foot_velocity": ((samples, feet, 2), (samples, feet, 3)),
+        }
+        for name, allowed in shapes.items():
             values = getattr(self, name)
-            if values is not None and (values.shape != shape or not values.size):
-                raise InvalidValueError(name, f"shape {values.shape}", f"must have shape {shape}, none empty")
+            if values is not None and (values.shape not in allowed or not values.size):
+                fitting = f"must have shape {' or '.join(map(str, allowed))}, none empty"
+                raise InvalidValueError(name, f"shape {values.shape}", fitting)
 
     @property
     def names(self) -> tuple[str, ...]:

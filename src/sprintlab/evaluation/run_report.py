@@ -18,7 +18,7 @@ from sprintlab.control import Policy
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.json_values import json_ready
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
-from sprintlab.core.thinning import moving_average, thinned_curve
+from sprintlab.core.thinning import moving_average
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import number
@@ -30,7 +30,7 @@ from sprintlab.evaluation.report import (
     page_template,
     trial_figures,
 )
-from sprintlab.evaluation.results import QUANTITIES, TrialResult, quantity_numbers
+from sprintlab.evaluation.results import QUANTITIES, Trajectory, TrialResult, quantity_numbers
 from sprintlab.evaluation.trial import Course, TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
@@ -38,27 +38,16 @@ from sprintlab.robots import RobotDescription
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRun:
-    """A run as a receiver on the robot saw it.
+    """A run as a receiver on the robot saw it."""
 
-    Attributes:
-        trial: the run; its speed is straight between the fixes.
-        fix_time: ``(F,)`` [s].
-        fix_speed: ``(F,)`` along the course [m/s].
-        fix_way: ``(F,)`` along the course [m].
-        command_time: ``(P,)`` of the policy steps [s].
-        command: ``(P, 3)`` given to the policy.
-        distance: to be timed [m].
-        faults: how often each fault was noticed.
-    """
-
-    trial: TrialResult
-    fix_time: FloatArray
-    fix_speed: FloatArray
-    fix_way: FloatArray
-    command_time: FloatArray
-    command: FloatArray
-    distance: float
-    faults: dict[str, int]
+    trial: TrialResult  # its speed is straight between the fixes
+    fix_time: FloatArray  # (F,) [s]
+    fix_speed: FloatArray  # (F,) along the course [m/s]
+    fix_way: FloatArray  # (F,) along the course [m]
+    command_time: FloatArray  # (P,) of the policy steps [s]
+    command: FloatArray  # (P, 3) given to the policy
+    distance: float  # to be timed [m]
+    faults: dict[str, int]  # how often each was noticed
 
     @property
     def time_over_distance(self) -> float:
@@ -97,8 +86,7 @@ def simulate_commands(
         hold: interval that counts as the hold [s].
 
     Raises:
-        SimulationError: the simulation left the realm of finite numbers.
-        ContractMismatchError: the policy was not made for this robot.
+        SprintlabError: as ``run_trial``.
     """
     request = TrialRequest(top_speed=max(float(forward.max()), 0.1), keep_trajectory=True)
     trial = run_course(policy, robot, request, _LoggedCourse(time=time, forward=forward))
@@ -109,22 +97,26 @@ def simulate_commands(
 def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
     """Command, measured speed and simulated speed over time; distance over time below."""
     figure, (speed, way) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
-    command = thinned_curve(run.command_time, run.command[:, 0])
-    speed.plot(*command, color=theme.command, linewidth=1.2, label="command")
+    draw = figures.draw_curve
+    draw(speed, run.command_time, run.command[:, 0], theme.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
-        smooth = moving_average(motion.velocity[:, 0], motion.time, 0.1)
-        look: dict[str, Any] = {"color": theme.second, "linewidth": 1.4}
-        speed.plot(*thinned_curve(motion.time, smooth), label="simulation, 0.1 s mean", **look)
-        way.plot(*thinned_curve(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0]), **look)
-    look = {"color": theme.speed, "marker": "o", "markersize": 3.0, "linewidth": 0.9}
-    speed.plot(*thinned_curve(run.fix_time, run.fix_speed), label="robot, position receiver", **look)
-    way.plot(*thinned_curve(run.fix_time, run.fix_way), **look)
+        label = "simulation, 0.1 s mean"
+        draw(speed, motion.time, _receiver_speed(motion), theme.second, linewidth=1.4, label=label)
+        draw(way, motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], theme.second, linewidth=1.4)
+    look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linewidth": 0.9}
+    draw(speed, run.fix_time, run.fix_speed, theme.speed, label="robot, position receiver", **look)
+    draw(way, run.fix_time, run.fix_way, theme.speed, **look)
     way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
     speed.set(ylabel="forward speed [m/s]", xlim=(0.0, float(run.command_time[-1])))
     way.set(ylabel="distance [m]", xlabel="time since the policy took over [s]")
     legend_above(speed, theme)
     return figure
+
+
+def _receiver_speed(motion: Trajectory) -> FloatArray:
+    """Forward speed ``(T,)`` of a simulation as a receiver sees it, a mean of 0.1 s [m/s]."""
+    return moving_average(motion.velocity[:, 0], motion.time, 0.1)
 
 
 def make_run_pictures(
@@ -133,11 +125,7 @@ def make_run_pictures(
     robot: RobotDescription,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Picture, ...]:
-    """Draw every figure in both looks.
-
-    Raises:
-        SimulationError: a trajectory is missing or holds NaN.
-    """
+    """Draw every figure in both looks; ``SimulationError`` where a trajectory is missing or holds NaN."""
     return draw_pictures(_plan(run, simulation, robot), progress)
 
 
@@ -179,15 +167,11 @@ def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
 
 
 def _comparison(run: TrackRun, simulation: TrialResult) -> dict[str, Any]:
-    """The simulation's time over the distance; robot minus simulation at the receiver's moments.
-
-    The simulated speed is a mean of 0.1 s, as a receiver sees it.
-    """
+    """The simulation's time over the distance; robot minus simulation at the receiver's moments."""
     motion = figures.recorded(simulation)
     finish = finish_time(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], run.distance)
     inside = (run.fix_time >= motion.time[0]) & (run.fix_time <= motion.time[-1])
-    smooth = moving_average(motion.velocity[:, 0], motion.time, 0.1)
-    gap = run.fix_speed[inside] - np.interp(run.fix_time[inside], motion.time, smooth)
+    gap = run.fix_speed[inside] - np.interp(run.fix_time[inside], motion.time, _receiver_speed(motion))
     return {
         "time_over_distance_s": finish - command_start(motion.time, motion.command[:, 0]),
         "speed_difference_rms_m_s": np.sqrt(np.mean(gap**2)),

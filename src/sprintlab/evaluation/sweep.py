@@ -38,42 +38,26 @@ _IDENTITY = "study.json"
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run of a sweep.
+    """One run of a sweep."""
 
-    Attributes:
-        group: under which it counts.
-        request: what is run; a profile, or a sprint where it has a distance.
-        course: run instead of either.
-    """
-
-    group: str
-    request: TrialRequest
-    course: Course | None = None
+    group: str  # under which it counts
+    request: TrialRequest  # a profile, or a sprint where it has a distance
+    course: Course | None = None  # run instead of either
 
 
 class Run(msgspec.Struct, frozen=True, kw_only=True):
     """How one run of a sweep ended; what is not defined is None."""
 
-    group: str
-    """Under which it counts."""
-    seed: int
-    """Of its draws."""
-    fall_reason: str
-    """Why it fell; empty where it did not."""
+    group: str  # under which it counts
+    seed: int  # of its draws
+    fall_reason: str  # empty where it did not fall
     fall_time_s: float | None
-    """When it fell [s]."""
-    held_speed_m_s: float | None
-    """Mean over the last 2 s of the hold, of a sprint before the line, of a turn at its end [m/s]."""
-    distance_m: float
-    """Forward distance of the base [m]."""
-    time_s: float | None = None
-    """From the first command to the line of a sprint [s]."""
-    left_lane: bool = False
-    """Whether a foot left the lane of a sprint."""
-    yaw_rate_rad_s: float | None = None
-    """Mean over the last 2 s of a turn [rad/s]."""
-    drawn: dict[str, Any] = msgspec.field(default_factory=dict)
-    """What was drawn for it."""
+    held_speed_m_s: float | None  # last 2 s of the hold, of a sprint before the line, of a turn at its end
+    distance_m: float  # forward distance of the base
+    time_s: float | None = None  # from the first command to the line of a sprint
+    left_lane: bool = False  # whether a foot left the lane of a sprint
+    yaw_rate_rad_s: float | None = None  # mean over the last 2 s of a turn
+    drawn: dict[str, Any] = msgspec.field(default_factory=dict)  # what was drawn for it
 
     @property
     def upright(self) -> bool:
@@ -92,11 +76,7 @@ def run_case(policy: Policy, robot: RobotDescription, case: Case) -> Run:
     speed, yaw_rate = trial.metrics.held_speed, math.nan
     if course is not None and trial.trajectory is not None and not trial.fall_reason:
         speed, yaw_rate = achieved(trial.trajectory)
-    drawn: dict[str, Any] = {
-        **asdict(request.settings),
-        "bus_voltage": request.plant.bus_voltage,
-        "foot": asdict(request.plant.foot),
-    }
+    plant = {"bus_voltage": request.plant.bus_voltage, "foot": asdict(request.plant.foot)}
     return Run(
         group=case.group,
         seed=request.settings.seed,
@@ -107,7 +87,7 @@ def run_case(policy: Policy, robot: RobotDescription, case: Case) -> Run:
         time_s=json_ready(math.nan if sprint is None else sprint.time),
         left_lane=sprint is not None and sprint.left_lane,
         yaw_rate_rad_s=json_ready(yaw_rate),
-        drawn=json_ready(drawn),
+        drawn=json_ready({**asdict(request.settings), **plant}),
     )
 
 
@@ -166,14 +146,15 @@ def stored_study(folder: Path) -> dict[str, Any]:
     Raises:
         SprintlabError: it is not a folder, holds something else, or nothing can be written there.
     """
+    identity = folder / _IDENTITY
     if os.path.lexists(folder) and not folder.is_dir():
         raise SprintlabError(f"{folder} is no folder; choose another one for the sprints")
-    check_writable(folder / _IDENTITY)
-    if (folder / _IDENTITY).exists():
-        found = read_json(folder / _IDENTITY, what="study")
+    check_writable(identity)
+    if identity.exists():
+        found = read_json(identity, what="study")
         if isinstance(found, dict) and isinstance(found.get("top_speed"), float):
             return found
-        raise SprintlabError(f"{folder / _IDENTITY} tells of no study; choose another folder for the sprints")
+        raise SprintlabError(f"{identity} tells of no study; choose another folder for the sprints")
     if folder.exists() and any(folder.iterdir()):
         raise SprintlabError(f"{folder} holds other files; choose another folder for the sprints")
     return {}
@@ -203,9 +184,6 @@ def _read(folder: Path | None, case: Case) -> Run | None:
     if folder is None or not (path := _path(folder, case)).exists():
         return None
     try:
-        run = msgspec.json.decode(read_bytes(path, JSON_LIMIT, what="sprint"), type=Run)
+        return msgspec.json.decode(read_bytes(path, JSON_LIMIT, what="sprint"), type=Run)
     except (SprintlabError, msgspec.DecodeError) as error:
         raise SprintlabError(f"{path}: {error}; remove it and run again") from error
-    if (run.group, run.seed) != (case.group, case.request.settings.seed):
-        raise SprintlabError(f"{path} is no sprint of this study; remove it and run again")
-    return run

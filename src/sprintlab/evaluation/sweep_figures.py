@@ -22,10 +22,7 @@ from sprintlab.evaluation.turning import TurningMap
 def robustness_figure(summary: dict[str, Any], runs: Sequence[Run], title: str) -> Figure:
     """Held speed of all sprints as a distribution, and what each cause costs by itself.
 
-    Args:
-        summary: what ``summarize`` gave.
-        runs: the sprints.
-        title: policy and command.
+    ``summary`` is what ``summarize`` gave of the runs; the title names policy and command.
     """
     figure, axes = themed_figure(LIGHT, (10.0, 3.8), 1, 2)
     figure.suptitle(as_written(title), fontweight="bold", color=LIGHT.foreground)
@@ -55,14 +52,10 @@ def _draw_causes(axis: Axes, summary: dict[str, Any]) -> None:
     rows = [row for row in summary["causes"] if row["change_m_s"] is not None]
     names = [row["cause"] for row in rows]
     bars = axis.barh(names, [row["change_m_s"] for row in rows], color=LIGHT.speed)
+    falls = [row["trials"] - row["upright"] for row in rows]
     labels = [
-        f"{row['change_m_s']:+.2f}"
-        + (
-            f", {row['trials'] - row['upright']} of {row['trials']} fell"
-            if row["upright"] < row["trials"]
-            else ""
-        )
-        for row in rows
+        f"{row['change_m_s']:+.2f}" + (f", {fell} of {row['trials']} fell" if fell else "")
+        for row, fell in zip(rows, falls, strict=True)
     ]
     axis.bar_label(bars, labels, padding=3, fontsize=7, color=LIGHT.foreground)
     axis.invert_yaxis()

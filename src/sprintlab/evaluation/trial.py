@@ -22,12 +22,7 @@ from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.disturbances import Disturbances, PolicyClock
 from sprintlab.evaluation.metrics import REST_WINDOW, trial_metrics
 from sprintlab.evaluation.recorder import Recorder
-from sprintlab.evaluation.results import (
-    REST_SPEED,
-    SprintResult,
-    Trajectory,
-    TrialResult,
-)
+from sprintlab.evaluation.results import REST_SPEED, SprintResult, Trajectory, TrialResult
 from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
@@ -48,10 +43,10 @@ def check_top_speed(field: str, top_speed: float) -> None:
 
 
 def check_sprint(field: str, distance: float, top_speed: float = HIGHEST_SPEED) -> None:
-    """Refuse a distance [m] that could be run for longer than ``LONGEST_SPRINT``.
+    """Refuse a distance [m] that is not positive, or could be run for longer than ``LONGEST_SPRINT``.
 
     Raises:
-        InvalidValueError: as said, or it is not positive.
+        InvalidValueError: as said.
     """
     check_positive(field, distance, "m")
     check_range(field, distance, 0.0, LONGEST_SPRINT * SLOWEST_SHARE * top_speed, f"m at {top_speed:g} m/s")
@@ -61,29 +56,19 @@ def check_sprint(field: str, distance: float, top_speed: float = HIGHEST_SPEED) 
 class TrialRequest:
     """One trial to run; small enough to send to another process.
 
-    Attributes:
-        top_speed: v* of the profile [m/s].
-        settings: what differs from trial to trial: friction, payload, noise, pushes and the like.
-        self_paced: hold the command near the measured speed, as ``self_paced`` does.
-        distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
-        hold: duration of the profile's hold [s].
-        plant: how the robot is simulated.
-        clock: the policy's.
-        keep_trajectory: whether the result carries its arrays.
-
     Raises:
         InvalidValueError: a speed, distance or duration is not positive, or is beyond ``HIGHEST_SPEED`` or
             ``LONGEST_SPRINT``.
     """
 
-    top_speed: float
+    top_speed: float  # v* of the profile [m/s]
     settings: TrialSettings = NOMINAL_TRIAL
-    self_paced: bool = False
-    distance: float | None = None
-    hold: float = 10.0
+    self_paced: bool = False  # hold the command near the measured speed
+    distance: float | None = None  # of a sprint [m]; None runs the stand-rise-hold-fall-stand profile
+    hold: float = 10.0  # duration of the profile's hold [s]
     plant: PlantOptions = field(default_factory=PlantOptions)
     clock: PolicyClock = field(default_factory=PolicyClock)
-    keep_trajectory: bool = False
+    keep_trajectory: bool = False  # whether the result carries its arrays
 
     def __post_init__(self) -> None:
         check_top_speed("trial.top_speed", self.top_speed)
@@ -152,8 +137,8 @@ class SprintCourse(Course):
     @property
     def latest_finish(self) -> float:
         """Who has not run the distance by now has failed [s]."""
-        slowest = self.distance / (self._slowest * self.profile.top_speed)
-        return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
+        profile, slowest = self.profile, self._slowest * self.profile.top_speed
+        return profile.stand + profile.top_speed / profile.acceleration + self.distance / slowest
 
     @property
     def longest(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -244,8 +229,7 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
     runtime.reset()
     # The last action's period, drawn long, may reach past the end.
     longest = course.longest + 2.0 / request.clock.rate
-    samples = math.ceil(longest * request.plant.record_rate)
-    recorder = Recorder(plant, samples, estimates=policy.estimates)
+    recorder = Recorder(plant, math.ceil(longest * request.plant.record_rate), estimates=policy.estimates)
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     disturbances = Disturbances(robot, request.settings, request.plant.motor_rate)
     upright = True
@@ -263,11 +247,8 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         disturbances.push(plant, period)
         for held, steps in disturbances.delivered(np.asarray(targets, dtype=float), period):
             upright = upright and plant.advance(held, steps, recorder)
-    return _Run(
-        trajectory=recorder.trajectory(),
-        fall_reason=plant.fall_reason,
-        fall_time=None if upright else plant.time,
-    )
+    fall_time = None if upright else plant.time
+    return _Run(trajectory=recorder.trajectory(), fall_reason=plant.fall_reason, fall_time=fall_time)
 
 
 def _trial_result(

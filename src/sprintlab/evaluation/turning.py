@@ -29,16 +29,11 @@ class TurningSettings:
         InvalidValueError: a speed, fraction or duration is out of range.
     """
 
-    speeds: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
-    """Commanded forward speeds [m/s]."""
-    fractions: tuple[float, ...] = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)
-    """Yaw rates as fractions of the largest that friction allows, ``mu g / |v|``, at most 1 rad/s."""
-    turn: float = 4.0
-    """Duration of each turn [s]; the last 2 s of it are measured."""
+    speeds: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)  # commanded, forward [m/s]
+    fractions: tuple[float, ...] = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)  # of the largest yaw rate
+    turn: float = 4.0  # duration of each turn [s]; the last 2 s of it are measured
     plant: PlantOptions = field(default_factory=PlantOptions)
-    """How the robot is simulated."""
     trial: TrialSettings = NOMINAL_TRIAL
-    """Friction, payload, initial joint noise."""
 
     def __post_init__(self) -> None:
         if not self.speeds or not self.fractions:
@@ -64,12 +59,8 @@ class TurningSettings:
 
     def case(self, turn: Turn) -> Case:
         """One turn as a run of a sweep."""
-        request = TrialRequest(
-            top_speed=max(abs(turn.forward), 0.1),
-            settings=self.trial,
-            plant=self.plant,
-            keep_trajectory=True,
-        )
+        speed = max(abs(turn.forward), 0.1)
+        request = TrialRequest(top_speed=speed, settings=self.trial, plant=self.plant, keep_trajectory=True)
         return Case(group=f"{turn.forward:g} m/s", request=request, course=turn)
 
 

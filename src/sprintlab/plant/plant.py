@@ -261,6 +261,11 @@ class Plant:
         self._drive = drive
 
     @property
+    def joint_addresses(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where the joints stand in ``data.qpos`` and in ``data.qvel``, both ``(joints,)``."""
+        return self._joint_position, self._joint_velocity
+
+    @property
     def time(self) -> float:
         """Simulated time [s]."""
         return float(self.data.time)
@@ -416,8 +421,9 @@ class Plant:
         """Views into the simulator's state and the index tables of this robot."""
         model, robot = self.model, self.robot
         self._position, self._velocity = self.data.qpos, self.data.qvel
-        self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
-        self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
+        joints = [model.joint(name) for name in robot.joint_names]
+        self._joint_position = np.array([joint.qposadr[0] for joint in joints])
+        self._joint_velocity = np.array([joint.dofadr[0] for joint in joints])
         lower, upper = robot.position_limits.T
         self._free_lower, self._free_upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         self._free_lower[self._joint_position] = lower + robot.soft_stop.zone

@@ -20,7 +20,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from sprintlab.commands import Track, command_start, finish_time
+from sprintlab.commands import Track, along_track, command_start, finish_time
 from sprintlab.core.archives import read_samples
 from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
@@ -238,10 +238,7 @@ def _way(qpos: Array, lap: bool) -> Array:
     """Distance of the base along the track ``(T,)`` [m], zero at its first sample."""
     if not lap:
         return qpos[:, 0] - qpos[0, 0]
-    track = Track()
-    places = (qpos[:, :2] - qpos[0, :2]).tolist()
-    progress = np.array([track.locate(x, y).progress for x, y in places])
-    way = np.unwrap(progress, period=track.length)
+    way, _ = along_track(Track(), qpos)
     return way - way[0]
 
 
