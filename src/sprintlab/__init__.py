@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from sprintlab.api.evaluations import evaluate as evaluate
     from sprintlab.api.limits import audit_rollout as audit_rollout
     from sprintlab.api.limits import limit as limit
-    from sprintlab.api.motors import ChosenMotor as ChosenMotor
     from sprintlab.api.motors import actuators as actuators
-    from sprintlab.api.motors import chosen_motor as chosen_motor
     from sprintlab.api.motors import envelope as envelope
     from sprintlab.api.motors import identify_motor as identify_motor
     from sprintlab.api.motors import motor_from_datasheet as motor_from_datasheet
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     from sprintlab.api.policies import policies as policies
     from sprintlab.api.races import Race as Race
     from sprintlab.api.races import race as race
-    from sprintlab.api.replays import Playing as Playing
-    from sprintlab.api.replays import ReplayPage as ReplayPage
     from sprintlab.api.replays import play as play
     from sprintlab.api.replays import replay as replay
     from sprintlab.api.reports import report as report
@@ -45,7 +41,6 @@ if TYPE_CHECKING:
     from sprintlab.api.results import Result as Result
     from sprintlab.api.robot_bus import robot_sim as robot_sim
     from sprintlab.api.robot_bus import run as run
-    from sprintlab.api.robots import RobotImport as RobotImport
     from sprintlab.api.robots import import_robot as import_robot
     from sprintlab.api.robots import list_robots as list_robots
     from sprintlab.api.robots import show_robot as show_robot
@@ -73,16 +68,15 @@ _HOMES = {
         "api.drive": "DriveOptions",
         "api.evaluations": "evaluate",
         "api.limits": "audit_rollout limit",
-        "api.motors": "ChosenMotor actuators chosen_motor envelope identify_motor motor_from_datasheet "
-        "show_motor",
+        "api.motors": "actuators envelope identify_motor motor_from_datasheet show_motor",
         "api.perturbations": "ground lap robustness turning",
         "api.policies": "load_policy policies",
         "api.races": "Race race",
-        "api.replays": "Playing ReplayPage play replay",
+        "api.replays": "play replay",
         "api.reports": "report",
         "api.results": "Drawn Result",
         "api.robot_bus": "robot_sim run",
-        "api.robots": "RobotImport import_robot list_robots show_robot",
+        "api.robots": "import_robot list_robots show_robot",
         "api.training": "Training export learning method sweep train",
         "core.errors": "SprintlabError",
         "motors": "torque_limits",

@@ -47,8 +47,8 @@ def test_the_limit_as_json_with_a_picture(call, tmp_path):
 def test_the_limit_as_a_table(call, tmp_path):
     outcome = call("limit", "go1", *QUICK, "--results", tmp_path)
     assert outcome.status == 0
-    assert "speed limit (upper estimate)" in outcome.out
-    assert "stride frequency" in outcome.out
+    assert "Speed limit (upper estimate)" in outcome.out
+    assert "stride: frequency" in outcome.out
 
 
 @pytest.mark.usefixtures("searched_once")

@@ -112,7 +112,7 @@ def test_a_data_sheet_becomes_a_motor_file_and_stands_for_it(call, answer, tmp_p
     # The catalogue's 5600 rpm at 24 V are 586 rad/s, with all the voltage and friction.
     shown = answer("envelope", motor, "--bus-voltage", 24)
     assert shown["no_load_speed"] == pytest.approx(586 * 0.95, rel=0.02)
-    of_sheet, of_motor = (sl.chosen_motor(str(path), bus_voltage=24.0) for path in (SHEET, motor))
+    of_sheet, of_motor = (sl.show_motor(str(path), bus_voltage=24.0) for path in (SHEET, motor))
     assert of_sheet.to_dict()["motor"] == pytest.approx(of_motor.to_dict()["motor"], rel=1e-4)
     out = call("motor", "from-datasheet", SHEET).out
     for text in (

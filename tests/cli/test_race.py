@@ -124,8 +124,8 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
     assert numbers["raw"]["J_common_rad2_s"] >= 0.0
     assert numbers["raw"]["fastest"] in numbers["raw"]["speeds"]
     assert numbers["raw"]["audit_failed"] == [] and numbers["raw"]["fastest_with_audit_passed"] is not None
-    assert re.search(r"max velocity: .*\s-?0\.\d\d\s+-?0\.\d\d\s+m/s", outcome.out)
-    assert re.search(r"J at the common speed\s+0\.\d\d", outcome.out)
+    assert re.search(r"max velocity +\S+ +\S+ +m/s", outcome.out)
+    assert re.search(r"J common +\S+ +\S+ +rad²/s", outcome.out)
     figure = tmp_path / "speeds.svg"
     again = call("evaluate", policy, *SEARCH, "--json", "--figure", figure)
     assert json.loads(again.out) == {**numbers, "figure": str(figure)}

@@ -71,7 +71,8 @@ def test_choices_made_in_python_make_a_robot(tmp_path):
         choices=sl.RobotChoices(name="mydog", bus_voltage=24, joints=joints),
         output=tmp_path,
     )
-    assert made.folder == tmp_path / "mydog" and made.robot.total_mass == pytest.approx(12.74, abs=0.01)
+    found = made.found
+    assert found.folder == tmp_path / "mydog" and found.robot.total_mass == pytest.approx(12.74, abs=0.01)
     assert {check["what"] for check in made.to_dict()["checks"]} >= {"mass", "feet"}
     with pytest.raises(sl.SprintlabError, match="exists"):
         sl.import_robot(GO1 / "go1.xml", choices=GO1 / "choices.toml", name="mydog", output=tmp_path)

@@ -5,7 +5,7 @@ import math
 import pytest
 from tests.short_trials import COARSE
 
-from sprintlab.api.evaluations import clock_numbers, clock_table, clock_verdict
+from sprintlab.api.evaluations import clock_numbers
 from sprintlab.evaluation.clock import CLOCKS, ClockCheck, check_clock, clock_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -37,7 +37,6 @@ def test_falls_and_undefined_numbers_are_told(gait):
     numbers = clock_numbers(check)
     assert [item["completed"] for item in numbers["clocks"]] == [10, 9, 0]
     assert numbers["clocks"][2]["held_speed_m_s"] is None and numbers["greatest_loss_of_speed"] is None
-    assert "fell" in clock_verdict(check) and clock_table(check).row_count == 3
     assert check.cost == 1.0
 
 

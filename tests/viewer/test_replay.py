@@ -197,7 +197,7 @@ def test_a_lap_is_shown_against_the_record_over_its_distance(recorded, tmp_path)
     far = recorded["qpos"].copy()
     far[:, 1] += np.linspace(0.0, 60.0, len(far))
     np.savez(tmp_path / "lap.npz", **{**recorded, "qpos": far})
-    page = sl.replay([tmp_path / "lap.npz"], world_record=True).path.read_text(encoding="utf-8")
+    page = sl.replay([tmp_path / "lap.npz"], world_record=True).page.read_text(encoding="utf-8")
     assert "world record, 43.03 s" in page and "lap against the world record" in page
 
 
@@ -214,7 +214,7 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
     assert "BP2: 100 m in 11.50 s" in page
     assert "exploit audit FAILED" in page
     mine = sl.replay([trajectory_file], names=["mine"], output=trajectory_file.with_name("mine.html"))
-    assert mine.path.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.path) in str(mine)
+    assert mine.page.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.page) in str(mine)
 
 
 @pytest.mark.parametrize(

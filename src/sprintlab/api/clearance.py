@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
+from sprintlab.control import Policy
 from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.core.errors import SprintlabError
-
-if TYPE_CHECKING:
-    from sprintlab.control import Policy
-    from sprintlab.robots import RobotDescription
+from sprintlab.evaluation import trial as trials
+from sprintlab.evaluation.report_text import audit_failure
+from sprintlab.robots import RobotDescription
 
 HARMFUL = ("foot force", "gear torque")
 """Items of the audit that break a robot."""
@@ -49,15 +48,15 @@ def permitted_speed(
     Raises:
         ClearanceError: a trial must pass, and the policy falls in it or overloads feet or gears.
     """
+    if asked is not None and not needed:
+        return asked
     if asked is not None:
-        if needed:
-            tell(f"auditing {name} at {asked:g} m/s in simulation first")
-            found = objections(policy, robot, asked, self_paced=self_paced)
-            if found:
-                raise ClearanceError(
-                    f"{name} may not drive a robot at up to {asked:g} m/s: in simulation "
-                    f"{'; '.join(found)}. Lower --top-speed, or give --despite-audit {name}"
-                )
+        tell(f"auditing {name} at {asked:g} m/s in simulation first")
+        if found := objections(policy, robot, asked, self_paced=self_paced):
+            raise ClearanceError(
+                f"{name} may not drive a robot at up to {asked:g} m/s: in simulation "
+                f"{'; '.join(found)}. Lower --top-speed, or give --despite-audit {name}"
+            )
         return asked
     speed = stored_speed(policy)
     if speed is None:
@@ -86,10 +85,7 @@ def cleared_speed(policy: Policy, robot: RobotDescription, *, self_paced: bool) 
 
 def objections(policy: Policy, robot: RobotDescription, top_speed: float, *, self_paced: bool) -> list[str]:
     """Objections of one nominal trial up to ``top_speed`` [m/s] to a policy, in words."""
-    from sprintlab.evaluation.report_text import audit_failure
-    from sprintlab.evaluation.trial import TrialRequest, run_trial
-
-    trial = run_trial(policy, robot, TrialRequest(top_speed=top_speed, self_paced=self_paced))
+    trial = trials.run_trial(policy, robot, trials.TrialRequest(top_speed=top_speed, self_paced=self_paced))
     found = [audit_failure(item) for item in trial.audit.failed if item.name in HARMFUL]
     if trial.fall_time is not None:
         found.insert(0, f"it fell after {trial.fall_time:.1f} s ({trial.fall_reason})")

@@ -9,48 +9,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
-from sprintlab.api.results import Drawn, Progress, kept, silent, styled, table
+from sprintlab.api.results import Drawn, Progress, kept, quantities, records, silent
 from sprintlab.core.arguments import checked
+from sprintlab.core.checks import check_range
+from sprintlab.core.files import atomic_write_json, check_writable_file
 from sprintlab.core.json_values import json_ready
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.clock import ClockCheck, check_clock
+from sprintlab.evaluation.estimates import merge_bands
+from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_protocol
+from sprintlab.evaluation.report_text import audit_failure, battery_text
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult, supply_numbers
+from sprintlab.evaluation.trial import check_top_speed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from sprintlab.evaluation.clock import ClockCheck
-    from sprintlab.evaluation.protocol import ProtocolSettings
-    from sprintlab.evaluation.results import ProtocolResult, SpeedResult
-
-CLOCK_NOTE = (
-    "Strides: medians over the trials that completed. Locked: a stride takes a whole number of policy steps, "
-    "within 0.02."
-)
-ROWS = (
-    # what, unit, keys of the numbers of a search
-    ("max velocity: held at the highest command passed", "m/s", "max_velocity_m_s"),
-    ("  that command", "m/s", "top_speed_command_m_s"),
-    ("held at the highest command without falls, stopping or not", "m/s", "running_speed_m_s"),
-    ("  that command", "m/s", "running_command_m_s"),
-    ("held steady at the highest command passed", "", "held_steady"),
-    ("  audit there", "", "audit_failed"),
-    ("fastest: most that was held", "m/s", "fastest.held_speed_m_s"),
-    ("  at the command", "m/s", "fastest.top_speed_m_s"),
-    ("  audit there", "", "fastest.audit_failed"),
-    ("fastest with the audit passed", "m/s", "fastest_with_audit_passed.held_speed_m_s"),
-    ("  at the command", "m/s", "fastest_with_audit_passed.top_speed_m_s"),
-    ("peak speed (0.5 s mean) at the highest command", "m/s", "peak_speed_m_s"),
-    ("J at the highest command", "rad²/s", "J_rad2_s"),
-    ("J per second of the hold", "rad²/s²", "J_per_second_rad2_s2"),
-    ("J at the common speed", "rad²/s", "J_common_rad2_s"),
-    ("cost of transport at the highest command", "", "cost_of_transport"),
-    ("stride frequency at the highest command", "Hz", "stride_frequency_Hz"),
-    ("stance at the highest command, median", "s", "stance_s"),
-    ("duty factor at the highest command", "", "duty"),
-)
 
 
 @checked
@@ -73,37 +49,19 @@ def evaluate(
 ) -> Drawn:
     """Find the highest speed that a policy completes in 9 of 10 seeded trials, raw and self-paced.
 
-    The max velocity is what the policy holds at the highest command that passes. Asked for more than it can
-    run, a policy may hold less; so what it holds at most is printed as well.
+    The max velocity is what it holds at the highest command that passes, which may not be its fastest.
+    Example: sprintlab evaluate sprint --start 8 --output numbers.json
 
     Args:
-        policy: a policy file, or the name of a policy that comes with the package.
-        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         trials: seeded trials a speed.
-        seed: decides joint noise, friction and payload of every trial.
         start: lowest speed of the search [m/s].
         top: highest speed of the search [m/s].
         grid: step between speeds [m/s].
         every_speed: walk the whole grid instead of whole m/s first.
         common_speed: also report J at this speed, to compare policies [m/s].
-        clock_check: repeat the highest raw command that passed with the policy's clock at 48 and 52 Hz and
-            with periods that vary by 10 %.
-        drive: motor model, battery and heat; the published numbers' when left out.
-        workers: processes; one a core when left out.
+        clock_check: repeat the highest raw command that passed with other clocks of the policy.
         output: also write the numbers here (JSON).
-        progress: called with what is being done and the share done.
-
-    Raises:
-        SprintlabError: the policy, the robot, the file or a setting is refused, or the simulation failed.
-        UnwrittenError: the disk has no room for the file any more; its ``found`` is the evaluation.
     """
-    from sprintlab.core.files import atomic_write_json, check_writable_file
-    from sprintlab.evaluation.clock import check_clock
-    from sprintlab.evaluation.protocol import battery_request, run_protocol
-    from sprintlab.evaluation.report_text import battery_text
-    from sprintlab.evaluation.results import supply_numbers
-    from sprintlab.evaluation.trial import check_top_speed
-
     if common_speed is not None:
         check_top_speed("common_speed", common_speed)
     if output is not None:
@@ -111,7 +69,7 @@ def evaluate(
     plant, name = drive.plant(), policy_path(policy).stem
     step = first_step(grid, every_speed)
     settings = protocol_settings(trials, seed, start=start, top=top, grid=grid, first_step=step, plant=plant)
-    searches: dict[str, ProtocolResult] = {}
+    searches, clocks, battery = dict[str, ProtocolResult](), None, None
     with trial_pool(policy, robot, workers) as pool:
         for way in ("raw", "self_paced"):
 
@@ -123,7 +81,7 @@ def evaluate(
                 pool, self_paced=way == "self_paced", settings=settings, common_speed=common_speed,
                 progress=told,
             )  # fmt: skip
-        best, clocks, battery = searches["raw"].best, None, None
+        best = searches["raw"].best
         if best is not None and clock_check:
             progress("other policy clocks", None)
             clocks = check_clock(pool, best.top_speed, settings=settings)
@@ -137,10 +95,11 @@ def evaluate(
         numbers["battery"] = json_ready(supply_numbers(battery))
         shown.append(f"on battery, windings warm, raw at the highest command: {battery_text(battery)} m/s")
     if clocks is not None:
-        numbers["clock_check"] = clock_numbers(clocks)
-        shown += ["", clock_table(clocks), Text(f"{CLOCK_NOTE} {clock_verdict(clocks)}.", style="dim")]
-    shown += plant.remarks
-    found = Drawn(numbers=numbers, shown=shown, found=searches, draw=lambda: _figure(searches))
+        numbers["clock_check"] = found = clock_numbers(clocks)
+        shown += [quantities("\nOther policy clocks, raw", found), records("", found["clocks"])]
+    found = Drawn(
+        numbers=numbers, shown=[*shown, *plant.remarks], found=searches, draw=lambda: _figure(searches)
+    )
     if output is not None:
         with kept(found):
             atomic_write_json(Path(output), found.to_dict())
@@ -153,9 +112,6 @@ def protocol_settings(trials: int, seed: int, **more: Any) -> ProtocolSettings:
     Raises:
         InvalidValueError: a setting is out of range.
     """
-    from sprintlab.core.checks import check_range
-    from sprintlab.evaluation.protocol import ProtocolSettings
-
     check_range("trials", trials, 1, 10_000)
     return ProtocolSettings(trials=trials, required=-(-trials * 9 // 10), seed=seed, **more)
 
@@ -169,8 +125,6 @@ def first_step(grid: float, every_speed: bool = False) -> float | None:
 
 def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values; what is not defined becomes null."""
-    from sprintlab.evaluation.estimates import merge_bands
-
     best, fastest, running = result.best, result.fastest, result.running
     mean = result.mean
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
@@ -206,9 +160,6 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
 
 
 def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
-    from sprintlab.evaluation.audit import audit_trials
-    from sprintlab.evaluation.report_text import audit_failure
-
     audit = audit_trials([trial.metrics for trial in speed.trials])
     return {
         "top_speed_m_s": speed.top_speed,
@@ -226,47 +177,15 @@ def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
 
 def _shown(policy: str, searches: dict[str, dict[str, Any]]) -> Iterator[RenderableType]:
     """Raw beside self-paced, failed audits, errors of the estimate."""
-    from sprintlab.evaluation.estimates import ESTIMATE_COLUMNS, estimate_cells
-    from sprintlab.evaluation.results import EstimateBand
-
-    named = {"raw": searches["raw"], "self-paced": searches["self_paced"]}
-    yield number_table(policy, named)
-    for name, search in named.items():
+    yield quantities(f"Policy {policy}", *searches.values(), names=("raw", "self-paced"))
+    for name, search in zip(("raw", "self-paced"), searches.values(), strict=True):
         for failure in search["audit_failures"]:
             yield f"audit, {name}, at the highest command: {failure}"
         for what, speeds in audit_failures(search["speeds"]).items():
-            commands = ", ".join(f"{speed:g}" for speed in speeds)
-            yield f"audit, {name}: failed at {commands} m/s ({what})"
-    for name, search in named.items():
+            yield f"audit, {name}: failed at {', '.join(map('{:g}'.format, speeds))} m/s ({what})"
         if search["estimate"]:
-            title = f"Estimate against truth at the highest speed, {name}"
-            rows = estimate_cells([EstimateBand(**band) for band in search["estimate"]])
-            yield ""
-            yield table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:], rows=rows)
-
-
-def number_table(policy: str, searches: dict[str, dict[str, Any]]) -> Table:
-    """One column a way of giving the command."""
-    made = table(f"Policy {policy}", "quantity", *searches, "unit", numbers=tuple(searches))
-    common = any(search["common_speed_m_s"] is not None for search in searches.values())
-    for what, unit, keys in ROWS:
-        if common or "common" not in keys:
-            made.add_row(what, *(_cell(search, keys) for search in searches.values()), unit)
-    return made
-
-
-def _cell(search: dict[str, Any], keys: str) -> str | Text:
-    """The value under these keys as text; a dash where something is not defined on the way."""
-    value: Any = search
-    for key in keys.split("."):
-        value = None if value is None else value[key]
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list):
-        return styled("[bold red]FAILED[/]") if value else "passed"
-    return f"{value:.3f}" if keys in ("stance_s", "duty") else f"{value:.2f}"
+            title = f"\nEstimate against truth at the highest speed, {name}: rms errors, SI units"
+            yield records(title, search["estimate"])
 
 
 def audit_failures(speeds: list[dict[str, Any]]) -> dict[str, list[float]]:
@@ -300,7 +219,7 @@ def _figure(searches: dict[str, ProtocolResult]) -> Figure:
 
 
 def clock_numbers(check: ClockCheck) -> dict[str, Any]:
-    """JSON-ready numbers of the trials with other policy clocks."""
+    """JSON-ready numbers of the trials with other clocks; strides are medians over completed ones."""
     clocks = [
         {
             "policy_rate_Hz": item.clock.rate,
@@ -316,33 +235,3 @@ def clock_numbers(check: ClockCheck) -> dict[str, Any]:
     ]
     shares = {"followed_share": check.followed, "greatest_loss_of_speed": check.greatest_loss}
     return json_ready({"top_speed_command_m_s": check.top_speed, "clocks": clocks, **shares})
-
-
-def clock_table(check: ClockCheck) -> Table:
-    """One row a clock."""
-    from sprintlab.evaluation.quantities import number
-
-    columns = ("policy clock", "completed", "held [m/s]", "stride [Hz]", "policy steps a stride", "locked")
-    rows = (
-        (
-            str(item.clock),
-            f"{item.completed} of {item.trials}",
-            *map(number, (item.held_speed, item.stride_frequency, item.stride_steps)),
-            "yes" if item.locked else "no",
-        )
-        for item in check.clocks
-    )
-    title = f"Other policy clocks at {check.top_speed:g} m/s, raw"
-    return table(title, *columns, numbers=columns[1:5], rows=rows)
-
-
-def clock_verdict(check: ClockCheck) -> str:
-    """What the table says, in one sentence."""
-    followed, loss, parts = check.followed, check.greatest_loss, ["no stride at two rates"]
-    if math.isfinite(followed):
-        parts = [f"the stride frequency follows {100 * followed:.0f} % of a change of the clock's rate"]
-    if math.isfinite(loss):
-        parts.append(f"the worst clock costs {100 * loss:.1f} % of the held speed")
-    if any(item.completed < item.trials for item in check.clocks[1:]):
-        parts.append("trials fell with another clock")
-    return "; ".join(parts)

@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from sprintlab import speed_limit as limits
 from sprintlab.api.motors import chosen_motor
-from sprintlab.api.results import Drawn, Progress, silent, table
+from sprintlab.api.results import Drawn, Progress, drawn, quantities, records, silent
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import check_folder
+from sprintlab.deployment import log as logs
+from sprintlab.evaluation.rollouts import Rollout, load_rollout
+from sprintlab.motors.voltage import check_bus_voltage
+from sprintlab.robots import JointMotors, load_robot, robot_motors, robot_names
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sprintlab.evaluation.rollout_audit import RolloutVerdict
-    from sprintlab.evaluation.rollouts import Rollout
-    from sprintlab.speed_limit import SpeedLimit
-
-FACTS = {
-    # field of StrideFacts: (what it is, format, unit)
-    "frequency": ("stride frequency", ".2f", "Hz"),
-    "duty": ("duty factor", ".3f", ""),
-    "step": ("way over a standing foot", ".3f", "m"),
-    "peak_force": ("peak force on a foot", ".2f", "body weights"),
-    "impact": ("impulse taken at touchdown", ".0%", ""),
-    "hip_speed": ("hip, greatest speed over no-load speed", ".2f", ""),
-    "knee_speed": ("knee, greatest speed over no-load speed", ".2f", ""),
-    "hip_full": ("hip, share of the stride at its limit", ".0%", ""),
-    "knee_full": ("knee, share of the stride at its limit", ".0%", ""),
-    "positive_power": ("mean driving power, all drives", ".0f", "W"),
-    "mechanical_power": ("mean power less braking", ".0f", "W"),
-    "copper_loss": ("mean heat in the windings", ".0f", "W"),
-    "envelope_power": ("greatest power of the envelopes", ".0f", "W"),
-    "cost_of_transport": ("cost of transport", ".2f", ""),
-}
+UNITS = {
+    "frequency": "Hz", "step": "m", "peak_force": "body weights", "positive_power": "W", "copper_loss": "W",
+    "mechanical_power": "W", "envelope_power": "W", "duration": "s", "speed": "m/s", "slip": "m",
+    "stance": "s",
+}  # fmt: skip
+"""Units of a stride's and a rollout's numbers by their names."""
 
 
 @checked
@@ -59,6 +45,8 @@ def limit(
 ) -> Drawn:
     """Estimate from above how fast a robot can run, from its motors and legs alone.
 
+    Example: sprintlab limit bp2 --max-stride 5.5 --min-duty 0.12
+
     Args:
         robot: name of a robot, or the path of its folder or table.
         factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
@@ -67,31 +55,17 @@ def limit(
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         seed: seed of the random strides.
-        results: folder whose result.json files, at most 16 MB, say what trained policies reach; results,
-            where there is one, when left out.
-        progress: called with what is being done and the share done.
-
-    Raises:
-        SprintlabError: an unknown robot, a bad option, no such folder, or too many results.
+        results: folder whose result.json files say what trained policies reach; ./results when left out.
     """
     if results is not None:
         check_folder(results)
-    from sprintlab.robots import load_robot
-    from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
-
-    def draw() -> Figure:
-        from sprintlab.speed_limit import runner_from_robot
-        from sprintlab.speed_limit.figure import limit_figure
-
-        return limit_figure(found, runner_from_robot(described))
-
     described = load_robot(robot)
-    found = speed_limit(
+    found = limits.speed_limit(
         described,
-        settings=SearchSettings(starts=starts, seed=seed, max_stride=max_stride, min_duty=min_duty),
+        settings=limits.SearchSettings(starts=starts, seed=seed, max_stride=max_stride, min_duty=min_duty),
         factors=() if quick else factors,
-        causes=() if quick else tuple(LIMITS_TO_LIFT),
-        trained=trained_speeds(Path(results or "results"), described.name),
+        causes=() if quick else tuple(limits.LIMITS_TO_LIFT),
+        trained=limits.trained_speeds(Path(results or "results"), described.name),
         progress=progress,
     )
     numbers = {
@@ -103,23 +77,12 @@ def limit(
         "sensitivities": [asdict(item) for item in found.sensitivities],
         "trained": [asdict(item) for item in found.trained],
     }
-    stopped = [] if found.cause is None else [f"What stops it: {found.cause}."]
-    return Drawn(numbers=numbers, shown=[_limit_table(found), *stopped], found=found, draw=draw)
-
-
-def _limit_table(limit: SpeedLimit) -> Table:
-    made = table(f"Speed limit of {limit.robot}", "quantity", "value", "unit")
-    made.add_row("speed limit (upper estimate)", f"{limit.speed:.2f}", "m/s")
-    for item in limit.trained:
-        made.add_row(f"policy {item.policy} holds", f"{item.speed:.2f}", "m/s")
-    for field, (what, style, unit) in FACTS.items():
-        made.add_row(what, format(getattr(limit.facts, field), style), unit)
-    for item in limit.lifted:
-        sign = "" if item.bounded else "> "
-        made.add_row(f"limit without {item.cause}", f"{sign}{item.speed:.2f}", "m/s")
-    for item in limit.sensitivities:
-        made.add_row(f"limit with {item.quantity} x {item.factor:g}", f"{item.speed:.2f}", "m/s")
-    return made
+    shown: list[RenderableType] = [quantities("Speed limit (upper estimate)", numbers, units=UNITS)]
+    for title in ("trained", "limit_without", "sensitivities"):
+        if numbers[title]:
+            shown.append(records(f"\n{title.replace('_', ' ')}, speeds in m/s", numbers[title]))
+    draw = drawn("speed_limit.figure.limit_figure", found, limits.runner_from_robot(described))
+    return Drawn(numbers=numbers, shown=shown, found=found, draw=draw)
 
 
 @checked
@@ -135,32 +98,16 @@ def audit_rollout(
 ) -> Drawn:
     """How much of a policy's torque its motors cannot give: any simulator's rollout against a motor.
 
-    Reads CSV and NPZ (columns: docs/check-your-policy.md) and the logs of `sprintlab run` (MCAP). A robot's
-    motors are matched to the recording's joint names, in any order.
+    A robot's motors are matched to the recording's joint names, in any order.
+    Example: sprintlab audit rollout.npz --motor go1 --figure rollout.png
 
     Args:
-        rollout: the recording.
-        motor: a motor file or a data sheet (.toml), an actuator of `sprintlab motor library`, or a robot of
-            the package with each joint its own motor.
+        rollout: CSV or NPZ (columns: docs/check-your-policy.md), or a log of sprintlab run (MCAP).
+        motor: a motor file, a data sheet, an actuator of the library, or a robot with all its motors.
         joint: of a robot: give all joints this one's motor (abad, hip or knee).
-        bus_voltage: [V]; the robot's or actuator's when left out, needed for a file.
-        gear_ratio: the robot's, actuator's or data sheet's when left out; 1 for a motor file.
-        gear_efficiency: likewise.
         policy_rate: decisions of the policy per second, for the stances [Hz].
-
-    Raises:
-        SprintlabError: the recording or the motor cannot be used, or its joint names fit no motor.
     """
-    import numpy as np
-
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
-    from sprintlab.motors.voltage import check_bus_voltage
-    from sprintlab.robots import JointMotors, robot_motors, robot_names
-
-    def draw() -> Figure:
-        from sprintlab.evaluation.rollout_audit import rollout_figure
-
-        return rollout_figure(recorded, motors.ordered(recorded.names))
 
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
@@ -178,29 +125,29 @@ def audit_rollout(
                 raise InvalidValueError("joint_names", None, allowed)
             recorded, assumed = replace(recorded, joint_names=motors.names), motors.names
     else:
-        drive = chosen_motor(
-            motor,
-            joint or "",
-            bus_voltage=bus_voltage,
-            gear_ratio=gear_ratio,
-            gear_efficiency=gear_efficiency,
-        ).drive
+        drive = chosen_motor(motor, joint or "", bus_voltage, gear_ratio, gear_efficiency).drive
         motors = JointMotors(motor=drive.motor, gear=drive.gear, bus_voltage=drive.bus_voltage)
     verdict = audit(recorded, motors, policy_rate)
     numbers = {"sentence": verdict.sentence, "assumed_order": assumed, **asdict(verdict)}
     gears = " and ".join(f"{ratio:g}" for ratio in sorted({*np.ravel(motors.gear.ratio).tolist()}))
-    title = f"{verdict.duration:.1f} s against motors at {motors.bus_voltage:g} V, gear {gears}"
-    shown: list[RenderableType] = [*_verdict_shown(title, verdict, assumed), *_feet(recorded, verdict)]
-    return Drawn(
-        numbers=numbers, shown=[*shown, Text(verdict.sentence, style="bold")], found=verdict, draw=draw
-    )
+    whole = {name: value for name, value in numbers.items() if name != "sentence"}
+    shown: list[RenderableType] = [
+        records(f"Motors at {motors.bus_voltage:g} V, gear {gears}: shares, N m and W", numbers["joints"]),
+        quantities("\nThe whole rollout", whole, units=UNITS),
+    ]
+    if assumed:
+        shown.append(f"joint_names was not recorded; assumed order of joints: {', '.join(assumed)}")
+    if recorded.foot_contact is None:
+        shown.append("stance and slip: foot_contact was not recorded")
+    if verdict.unused_feet:
+        shown.append(f"never on the ground: {', '.join(verdict.unused_feet)}")
+    shown.append(Text(verdict.sentence, style="bold"))
+    draw = drawn("evaluation.rollout_audit.rollout_figure", recorded, motors.ordered(recorded.names))
+    return Drawn(numbers=numbers, shown=shown, found=verdict, draw=draw)
 
 
 def _read_rollout(path: Path) -> Rollout:
     """A rollout from CSV, NPZ or the log of a run (MCAP), whose joints are its robot's."""
-    from sprintlab.evaluation.rollouts import Rollout, load_rollout
-    from sprintlab.robots import load_robot, robot_names
-
     if path.suffix.lower() == ".onnx":
         raise SprintlabError(
             f"{path} is a policy, not a rollout: sprintlab race judges a policy of this package; "
@@ -208,9 +155,7 @@ def _read_rollout(path: Path) -> Rollout:
         )
     if path.suffix.lower() != ".mcap":
         return load_rollout(path)
-    from sprintlab.deployment.log import read_log
-
-    record = read_log(path)
+    record = logs.read_log(path)
     robot = record.facts["robot"]
     return Rollout(
         time=record.state_time,
@@ -218,45 +163,3 @@ def _read_rollout(path: Path) -> Rollout:
         joint_torque=record.column("states", "joint_torque"),
         joint_names=load_robot(robot).joint_names if robot in robot_names() else (),
     )
-
-
-def _verdict_shown(title: str, verdict: RolloutVerdict, assumed: Sequence[str]) -> Iterator[RenderableType]:
-    """One row per joint, then the whole robot."""
-    columns = (
-        "impossible", "past v_d = 0 too", "most too much", "over-speed", "speed / no-load", "power", "heat"
-    )  # fmt: skip
-    rows = (
-        (
-            joint.name,
-            f"{joint.impossible:.1%}",
-            f"{joint.impossible - joint.v_d_only:.1%}",
-            f"{joint.largest_excess:.1f} N m",
-            f"{joint.over_speed:.1%}",
-            f"{joint.speed_ratio:.2f}",
-            f"{joint.mechanical_power:.0f} W",
-            f"{joint.copper_loss:.0f} W",
-        )
-        for joint in verdict.joints
-    )
-    yield table(title, "joint", *columns, numbers=columns, rows=rows)
-    yield "power and heat: of the torque that the motor can give; heat: copper loss"
-    if assumed:
-        yield f"joint_names was not recorded; assumed order of joints: {', '.join(assumed)}"
-    if verdict.speed is not None:
-        yield f"mean forward speed: {verdict.speed:.2f} m/s"
-
-
-def _feet(rollout: Rollout, verdict: RolloutVerdict) -> Iterator[str]:
-    """Stance and slip, or why there is neither."""
-    if rollout.foot_contact is None:
-        yield "stance and slip: foot_contact was not recorded"
-        return
-    if verdict.unused_feet:
-        yield f"never on the ground: {', '.join(verdict.unused_feet)}"
-    if verdict.stance is None or verdict.stance_periods is None:
-        yield "stance and slip: no foot both touches down and lifts off"
-        return
-    yield f"median stance: {1000 * verdict.stance:.0f} ms"
-    yield f"policy periods in it: {verdict.stance_periods:.1f}"
-    if verdict.slip is not None:
-        yield f"slip of a foot in one stance: {1000 * verdict.slip:.1f} mm"

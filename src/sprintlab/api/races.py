@@ -13,17 +13,39 @@ from rich.table import Table
 from rich.text import Text
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_and_robot
-from sprintlab.api.results import Drawn, Progress, command_line, in_notebook, kept, silent, styled, table
+from sprintlab.api.evaluations import protocol_settings
+from sprintlab.api.policies import PolicyChoice, RobotChoice, open_policy
+from sprintlab.api.replays import write_race_replay
+from sprintlab.api.results import (
+    VERDICTS,
+    Drawn,
+    Progress,
+    command_line,
+    in_notebook,
+    kept,
+    silent,
+    table,
+)
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
+from sprintlab.evaluation import race as races
+from sprintlab.evaluation.report_text import (
+    audit_failure,
+    audit_limit,
+    audit_measured,
+    audit_verdict,
+    engine_fault,
+    engine_table,
+    fall_text,
+    result_rows,
+)
+from sprintlab.evaluation.results import AuditReport, RaceResult
+from sprintlab.plant import on_engine
+from sprintlab.robots import RobotDescription
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from sprintlab.evaluation.results import AuditReport, RaceResult
-    from sprintlab.robots import RobotDescription
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
@@ -46,10 +68,7 @@ class Race(Drawn):
     table: str
 
     def plot(self, figure: str = "speed") -> Figure:
-        """One figure of the report.
-
-        Args:
-            figure: one of ``FIGURES``.
+        """One figure of the report, of those in ``FIGURES``.
 
         Raises:
             InvalidValueError: there is no such figure.
@@ -80,20 +99,14 @@ class Race(Drawn):
 
     def _write(self, target: Path, video: bool, progress: Progress) -> Race:
         """Write report and replay into a folder; the race, which then names them."""
-        from sprintlab.api.replays import write_race_replay
         from sprintlab.evaluation.race_files import race_facts, write_race
 
+        def told(what: str) -> None:
+            progress(what, None)
+
         facts = race_facts(self.policy, self.found, command_line())
-        message = write_race(
-            target,
-            self.found,
-            self.robot,
-            self.table,
-            facts,
-            video,
-            progress=lambda what: progress(what, None),
-        )
-        progress("writing the replay", None)
+        message = write_race(target, self.found, self.robot, self.table, facts, video, told)
+        told("writing the replay")
         write_race_replay(target, self.robot)
         files = [f"\nreport: {target / 'report.html'}", f"replay: {target / 'replay.html'}"]
         shown = [*self.shown, *files, message or f"video: {target / 'sprint.mp4'}"]
@@ -119,25 +132,15 @@ def race(
 ) -> Race:
     """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
 
+    Example: sprintlab race sprint --top-speed 13.25
+
     Args:
-        policy: a policy file, or the name of a policy that comes with the package.
-        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
-        distance: of the sprint [m].
-        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
-            and raw trials once more in Drake.
+        engine: mujoco, drake (extra drake), or both: sprint and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
-        seed: decides joint noise, friction and payload of every trial.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
         report: whether a report is written; always with output.
         video: whether the report has an MP4, too.
-        drive: motor model, battery and heat; the published numbers' when left out.
-        workers: processes; one a core when left out.
-        progress: called with what is being done.
-
-    Raises:
-        SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
-        UnwrittenError: the disk has no room for the report any more; its ``found`` is the race.
     """
     if top_speed is not None:
         check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
@@ -147,18 +150,12 @@ def race(
     folder = Path(output) if output else default_folder() if report else None
     if folder is not None:
         check_writable(folder)
-    path, name = policy_and_robot(policy, robot)
-    from sprintlab.api.evaluations import protocol_settings
-    from sprintlab.evaluation.race import evaluate_race
-    from sprintlab.plant import on_engine
-    from sprintlab.robots import load_robot
-
+    path, _, described = open_policy(policy, robot)
     both = engine == "both"
     settings = protocol_settings(trials, seed, plant=on_engine(drive.plant(), "mujoco" if both else engine))
-    described = load_robot(name)
     with nullcontext() if folder is None else reserved_directory(folder) as target:
         progress("running trials", None)
-        result = evaluate_race(
+        result = races.evaluate_race(
             path,
             described,
             top_speed=top_speed,
@@ -175,7 +172,7 @@ def race(
             draw=lambda: found.plot(),
             policy=path,
             robot=described,
-            table=str(name.absolute() if isinstance(name, Path) else name),
+            table=str(robot.absolute() if isinstance(robot, Path) else robot or described.name),
         )
         with kept(found):
             return found if target is None else found._write(target, video, progress)
@@ -183,8 +180,6 @@ def race(
 
 def _shown(result: RaceResult) -> Iterator[RenderableType]:
     """The audit, what failed of it, every fall, raw beside self-paced, the second engine, remarks."""
-    from sprintlab.evaluation.report_text import audit_failure, engine_fault, engine_table, fall_text
-
     yield audit_table(result.audit)
     for item in result.audit.failed:
         yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
@@ -192,12 +187,12 @@ def _shown(result: RaceResult) -> Iterator[RenderableType]:
     for group, name in ((result.raw, "raw"), (result.self_paced, "self-paced")):
         runs += [(f"{name}, seed {trial.settings.seed}", trial) for trial in group.trials]
     yield from (f"{name}: {fall_text(trial)}" for name, trial in runs if trial.fall_reason)
-    yield ""
-    yield result_table(result)
+    title = f"\n{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
+    columns = ("quantity", "raw", "self-paced", "unit")
+    yield table(title, *columns, numbers=columns[1:3], rows=(row[:4] for row in result_rows(result)))
     if (both := engine_table(result)) is not None:
         names = tuple(both["names"])
-        yield ""
-        yield table("Two engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
+        yield table("\nTwo engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
         if fault := engine_fault(result):
             yield Text(f"marked: {fault}", style="bold red")
     yield from result.notes
@@ -205,22 +200,9 @@ def _shown(result: RaceResult) -> Iterator[RenderableType]:
 
 def audit_table(audit: AuditReport) -> Table:
     """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_limit, audit_measured, audit_verdict
-
     columns = ("what", "measured: median of the trials", "limit", "", "where the limit comes from")
-    verdicts = {True: styled("[green]pass[/]"), False: styled("[bold red]FAIL[/]")}
     rows = (
-        (item.name, audit_measured(item), audit_limit(item), verdicts[item.passed], item.source)
+        (item.name, audit_measured(item), audit_limit(item), VERDICTS[item.passed], item.source)
         for item in audit.items
     )
     return table(f"Exploit audit: {audit_verdict(audit)}", *columns, numbers=columns[1:3], rows=rows)
-
-
-def result_table(result: RaceResult) -> Table:
-    """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.report_text import result_rows
-
-    title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
-    columns = ("quantity", "raw", "self-paced", "unit")
-    rows = (row[:4] for row in result_rows(result))
-    return table(title, *columns, numbers=columns[1:3], rows=rows)

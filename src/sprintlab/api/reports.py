@@ -6,15 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sprintlab.api.policies import known_robot, policy_path
+from sprintlab.api.policies import known_robot, load_policy
 from sprintlab.api.results import Progress, Result, kept, silent, table
+from sprintlab.control import shipped_policies
+from sprintlab.core import files
 from sprintlab.core.arguments import checked
+from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment import log as logs
+from sprintlab.robots import RobotDescription, load_robot
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.results import TrialResult
     from sprintlab.evaluation.run_report import TrackRun
-    from sprintlab.robots import RobotDescription
 
 
 @checked
@@ -28,43 +32,33 @@ def report(
     simulation: bool = True,
     progress: Progress = silent,
 ) -> Result:
-    """Draw a log of ``sprintlab run``, with the same commands in simulation beside it.
+    """Draw a log of sprintlab run, with the same commands in simulation beside it.
+
+    Example: sprintlab report sprint.mcap
 
     Args:
         log: the log (.mcap).
         output: result folder, which must not exist; runs/report-<date>-<time> when left out.
         robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
         policy: the policy to simulate; the log's when left out, if it comes with the package.
-        distance: length of the sprint [m].
         simulation: whether the simulation stands beside the run; without it the log is drawn alone.
-        progress: called with what is being done.
-
-    Raises:
-        SprintlabError: the log, the robot, the policy or the folder is refused.
-        UnwrittenError: the disk has no room for the report any more; its ``found`` is the report's numbers.
     """
-    from sprintlab.core.checks import check_positive
-    from sprintlab.core.files import check_new_folder, default_folder
-
     check_positive("distance", distance, "m")
-    folder = Path(output) if output else default_folder(prefix="report")
-    check_new_folder(folder)
-    from sprintlab.api.log_trial import logged_run
-    from sprintlab.control import load_policy, shipped_policies
-    from sprintlab.deployment.log import read_log
-    from sprintlab.evaluation.run_report import number_rows, run_numbers, simulate_commands
-    from sprintlab.robots import load_robot
-
+    folder = Path(output) if output else files.default_folder(prefix="report")
+    files.check_new_folder(folder)
     progress("reading the log", None)
-    log, record = Path(log), read_log(log)
+    log, record = Path(log), logs.read_log(log)
     described = load_robot(robot or known_robot(record.facts["robot"], log.name))
     told = record.facts.get("policy", "sprint")
     if simulation and policy is None and told not in shipped_policies():  # no log chooses a file
         raise SprintlabError(f"{log.name} is of policy {told!r}, unknown here: name its file with --policy")
+    from sprintlab.api.log_trial import logged_run
+    from sprintlab.evaluation.run_report import number_rows, run_numbers, simulate_commands
+
     run, simulated = logged_run(record, described, distance), None
     if simulation:
         progress("simulating the same commands", None)
-        loaded, command = load_policy(policy_path(policy or told)), run.command[:, 0]
+        loaded, command = load_policy(policy or told), run.command[:, 0]
         simulated = simulate_commands(loaded, described, run.command_time, command, run.trial.hold_interval)
     numbers = {**run_numbers(run, simulated), "faults": run.faults, "facts": record.facts}
     columns = ("robot", "simulation")
@@ -86,7 +80,6 @@ def _write(
     numbers: dict[str, Any],
     progress: Progress,
 ) -> None:
-    from sprintlab.core import files
     from sprintlab.evaluation.run_report import make_run_pictures, render_run_report
 
     pictures = make_run_pictures(

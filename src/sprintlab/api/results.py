@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import math
 import multiprocessing
 import shlex
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +27,12 @@ if TYPE_CHECKING:
 
 PLAIN_WIDTH = 140
 """Columns of a table that does not go to a terminal."""
+UNITS = {
+    "rad2_s2": "rad²/s²", "rad2_s": "rad²/s", "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "N_m": "N m",
+    "degC": "degC", "percent": "%", "us": "µs", "ms": "ms", "kg": "kg", "Hz": "Hz", "s": "s", "m": "m",
+    "J": "J", "W": "W", "V": "V",
+}  # fmt: skip
+"""Ends of keys of numbers, and the units that they mean."""
 _NOTEBOOK = '<pre style="white-space: pre; overflow-x: auto; line-height: normal">{code}</pre>'
 Progress = Callable[[str, float | None], None]
 """Called with what is being done and the share done, 0 to 1, or ``None`` where that is not known."""
@@ -51,16 +60,26 @@ class Result:
         shown: tables and remarks, in the order in which they are printed.
         found: the object of the package that measured it.
         status: exit status of the command that found it.
+        page: an HTML file that a notebook shows in place of the tables.
+        serve: goes on until Ctrl-C, as a page does on which a robot is driven.
     """
 
     numbers: Any
     shown: Sequence[RenderableType]
     found: Any = None
     status: int = 0
+    page: Path | None = None
+    serve: Callable[[], None] | None = None
 
     def to_dict(self) -> Any:
         """Plain values, ready for JSON; what is not finite is None."""
         return json_ready(self.numbers)
+
+    def run(self) -> None:
+        """Go on with what ``serve`` does, until Ctrl-C or its end."""
+        if self.serve is not None:
+            with suppress(KeyboardInterrupt):
+                self.serve()
 
     def __rich_console__(self, *_: object) -> Iterator[RenderableType]:
         yield from self.shown
@@ -72,8 +91,11 @@ class Result:
 
     def _repr_mimebundle_(self, **_: Any) -> dict[str, str]:
         """For notebooks."""
-        page = self._printed().export_html(inline_styles=True, code_format=_NOTEBOOK)
-        return {"text/plain": str(self), "text/html": page}
+        html = self._printed().export_html(inline_styles=True, code_format=_NOTEBOOK)
+        if self.page is not None:
+            source = escape(self.page.read_text(encoding="utf-8"))
+            html = f'<iframe srcdoc="{source}" width="100%" height="520" style="border: 0"></iframe>'
+        return {"text/plain": str(self), "text/html": html}
 
     def _printed(self) -> Console:
         """A console that keeps what is printed; not a notebook's, which would also show it at once."""
@@ -98,6 +120,12 @@ class Drawn(Result):
     def plot(self) -> Figure:
         """The result as a picture, which a notebook shows."""
         return in_notebook(self.draw())
+
+
+def drawn(place: str, *arguments: Any) -> Callable[[], Figure]:
+    """Draw with the function at a place in the package, imported only then: Matplotlib takes a while."""
+    module, _, name = place.rpartition(".")
+    return lambda: getattr(import_module(f"sprintlab.{module}"), name)(*arguments)
 
 
 def in_notebook(figure: Figure) -> Figure:
@@ -125,9 +153,77 @@ def table(
     return made
 
 
+def quantities(
+    title: str,
+    numbers: Mapping[str, Any],
+    *others: Mapping[str, Any],
+    names: Sequence[str] = ("value",),
+    units: Mapping[str, str] = {},
+) -> Table:
+    """One row a number: its name and unit follow from its key, such as ``top_speed_m_s``.
+
+    Mappings give a row an entry; lists, and what is not known in any column, none.
+
+    Args:
+        title: of the table.
+        numbers: as JSON has them.
+        others: the same numbers of further columns.
+        names: headings of the columns.
+        units: of keys that do not end in theirs.
+    """
+    columns = [dict(_flat(each)) for each in (numbers, *others)]
+    known = [key for key in columns[0] if any(each.get(key) is not None for each in columns)]
+    rows = (
+        (name, *(cell(each.get(key)) for each in columns), unit)
+        for key in known
+        for name, unit in (name_and_unit(key, units),)
+    )
+    return table(title, "quantity", *names, "unit", numbers=names, rows=rows)
+
+
+def _flat(numbers: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in numbers.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{key}: ")
+        elif not isinstance(value, list | tuple):
+            yield f"{before}{key}", value
+
+
+def records(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """One row a record, one column a key, its unit in the heading."""
+    named = {key: name_and_unit(key) for key in (rows[0] if rows else ())}
+    heads = {key: f"{name} [{unit}]" if unit else name for key, (name, unit) in named.items()}
+    right = [head for key, head in heads.items() if isinstance(rows[0][key], int | float | None)]
+    return table(
+        title, *heads.values(), numbers=right, rows=([cell(row[key]) for key in heads] for row in rows)
+    )
+
+
+def name_and_unit(key: str, units: Mapping[str, str] = {}) -> tuple[str, str]:
+    """A key of a number as words, and the unit at its end: top speed and m/s of ``top_speed_m_s``."""
+    end = next((end for end in UNITS if key.endswith(f"_{end}")), None)
+    name = key if end is None else key.removesuffix(f"_{end}")
+    return name.replace("_", " "), UNITS[end] if end else units.get(key.rpartition(" ")[2], "")
+
+
+def cell(value: Any) -> RenderableType:
+    """A value as it stands in a table: five significant digits, yes and no, a dash where it is not known."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(str(cell(item)) for item in value)
+    return f"{value:.5g}" if isinstance(value, float) else value if isinstance(value, Text) else str(value)
+
+
 def styled(markup: str) -> Text:
     """A text of our own with Rich's markup; text from a file must not stand in it."""
     return Text.from_markup(markup)
+
+
+VERDICTS = {True: styled("[green]pass[/]"), False: styled("[bold red]FAIL[/]")}
+"""Whether an item of the audit passed."""
 
 
 @contextmanager
@@ -144,7 +240,7 @@ def kept(found: Result) -> Generator[None]:
         raise
 
 
-def leave_to_the_parent() -> None:
+def exit_if_worker() -> None:
     """End this process quietly if it is a worker that is still reading its parent's script.
 
     A script without ``if __name__ == "__main__":`` calls the same function again in every worker; the parent

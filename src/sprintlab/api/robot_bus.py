@@ -13,23 +13,30 @@ from datetime import datetime, timezone
 from importlib.util import find_spec
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sprintlab.api.clearance import permitted_speed
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.interruptions import counted_interruptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, default_robot, policy_path, robot_of
-from sprintlab.api.results import Progress, Result, command_line, remark, silent, table
+from sprintlab.api.policies import PolicyChoice, RobotChoice, default_robot, open_policy
+from sprintlab.api.results import Progress, Result, command_line, quantities, records, remark, silent
+from sprintlab.control import encode_contract
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
-
-if TYPE_CHECKING:
-    from sprintlab.control import Policy
-    from sprintlab.deployment.controller import Controller, LoopReport
-    from sprintlab.deployment.log import McapRunLog
-    from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
-    from sprintlab.robots import RobotDescription
+from sprintlab.deployment import bus as buses
+from sprintlab.deployment import controller as control
+from sprintlab.deployment import log as logs
+from sprintlab.deployment import simulator as simulators
+from sprintlab.deployment.controller.realtime import lacking
+from sprintlab.deployment.controller.realtime import real_time as scheduled
+from sprintlab.deployment.log.topics import LogError
+from sprintlab.deployment.safety import RESPONSES, Reaction, VelocityLimits
+from sprintlab.deployment.sources import open_source
+from sprintlab.evaluation.recorder import Recorder
+from sprintlab.plant import TrialSettings
+from sprintlab.robots import load_robot
 
 _LONGEST_TRUTH = 3600.0  # s, for whose samples there must be memory from the start
 
@@ -54,17 +61,12 @@ def run(
 ) -> Result:
     """Drive a robot: stand up, run as the command source wishes, lie down.
 
-    Ctrl-C brings it down in order, a second Ctrl-C stops it at once. The status is 1 when something kept it
-    from running as it should.
+    Ctrl-C brings it down in order, a second stops it at once. The status is 1 when something went wrong.
+    Example: sprintlab run go2-sprint unitree://go2 --source gamepad --top-speed 1
 
     Args:
-        policy: a policy file, or the name of a policy that comes with the package.
-        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
-        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
-        top_speed: highest commanded speed [m/s]; when left out, the highest at which the policy passes its
-            audit in simulation.
-        distance: length of a sprint [m].
+        top_speed: highest commanded speed [m/s]; the highest that passes its audit when left out.
         log: write every step to this MCAP file; runs/<bus name>-<date>-<time>.mcap when left out.
         no_log: write none.
         duration: come down after this time [s].
@@ -72,35 +74,20 @@ def run(
         core: processor core for the control loop, one that is kept free of other work.
         real_time: whether to ask for the real-time scheduler.
         lock_step: take time from a simulated robot and answer each of its steps.
-        despite_audit: name of the policy, to let it drive a robot beyond this machine although it falls or
-            overloads feet or gears in a simulated trial at --top-speed; that trial is not run then.
-
-    Raises:
-        SprintlabError: an option, the policy, the source, the bus or the log is refused.
+        despite_audit: name of the policy, to drive a robot beyond this machine without the simulated audit.
     """
-    from sprintlab.api.clearance import permitted_speed
-    from sprintlab.control import check_contract, load_policy
-    from sprintlab.deployment.bus import leaves_this_machine, open_bus
-    from sprintlab.deployment.controller import Controller, LoopOptions, run_loop
-    from sprintlab.deployment.controller.realtime import lacking
-    from sprintlab.deployment.safety import VelocityLimits
-    from sprintlab.deployment.sources import open_source
-    from sprintlab.robots import load_robot
-
-    options = LoopOptions(
+    options = control.LoopOptions(
         lock_step=lock_step,
         priority=priority if real_time else None,
         core=core,
         duration=duration,
         attended=source.startswith(("keyboard", "gamepad")),
     )
-    name, path = str(policy), policy_path(policy)
-    loaded = load_policy(path)
-    described = load_robot(robot or robot_of(loaded, path.name))
-    check_contract(loaded.contract, described)
+    name = str(policy)
+    _, loaded, described = open_policy(policy, robot)
     if despite_audit not in (None, name):
         raise SprintlabError(f"--despite-audit names {despite_audit!r}, but the policy is {name!r}")
-    needed = leaves_this_machine(bus) and despite_audit is None
+    needed = buses.leaves_this_machine(bus) and despite_audit is None
     speed = permitted_speed(
         name, loaded, described, top_speed, self_paced=source == "sprint", needed=needed, tell=remark
     )
@@ -108,25 +95,32 @@ def run(
         with ExitStack() as opened:
             commands = open_source(source, top_speed=speed, distance=distance)
             opened.enter_context(closing(commands))
-            controller = Controller(loaded, described, commands, limits=VelocityLimits(forward=speed))
+            controller = control.Controller(loaded, described, commands, limits=VelocityLimits(forward=speed))
             place = None if no_log else log_path(log, bus)
             # The bus before the log: where no robot is found, no empty log is left behind.
-            end = opened.enter_context(closing(open_bus(bus, session=controller.session)))
-            written = _open_log(place, loaded, described, {"policy": name, "bus": bus}, lock_step)
+            end = opened.enter_context(closing(buses.open_bus(bus, session=controller.session)))
+            written = None
+            if place is not None:
+                date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+                facts = {"command_line": command_line(), "date": date, "policy": name, "bus": bus}
+                contract = encode_contract(loaded.contract)
+                told = logs.LogFacts(robot=described.name, contract=contract, facts=facts)
+                written = logs.McapRunLog(place, told, wait=lock_step)
+                remark(f"log: {place}")
             for text in () if lock_step else lacking(options.priority, options.core):
                 remark(f"real time: {text}")
             remark(f"driving {bus}; Ctrl-C brings the robot down")
             interrupted = interruptible.enter_context(counted_interruptions())
             try:
                 with _status_line() as status:
-                    report = run_loop(
+                    report = control.run_loop(
                         controller, end, options, log=written, interrupted=interrupted, status=status
                     )
             finally:
                 problem = _closed(written)
         if problem is not None:
             remark(f"sprintlab: {problem}")
-        return _driven(controller, report, commands, distance, problem)
+        return _driven(controller, report, commands, problem)
 
 
 def log_path(log: Path | None, bus: str) -> Path | None:
@@ -136,9 +130,7 @@ def log_path(log: Path | None, bus: str) -> Path | None:
         SprintlabError: the file asked for exists, or no log can be written there.
     """
     if log is not None:
-        from sprintlab.deployment.log import check_new_log
-
-        check_new_log(Path(log))
+        logs.check_new_log(Path(log))
         return Path(log)
     if find_spec("mcap") is None:
         remark("no log is written: pip install 'sprintlab[log]'")
@@ -147,26 +139,8 @@ def log_path(log: Path | None, bus: str) -> Path | None:
     return Path("runs") / f"{robot}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
 
 
-def _open_log(
-    path: Path | None, policy: Policy, robot: RobotDescription, facts: dict[str, str], wait: bool
-) -> McapRunLog | None:
-    if path is None:
-        return None
-    from sprintlab.control import encode_contract
-    from sprintlab.deployment.log import LogFacts, McapRunLog
-
-    date = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    told = {"command_line": command_line(), "date": date, **facts}
-    content = LogFacts(robot=robot.name, contract=encode_contract(policy.contract), facts=told)
-    log = McapRunLog(path, content, wait=wait)
-    remark(f"log: {path}")
-    return log
-
-
-def _closed(log: McapRunLog | None) -> str | None:
+def _closed(log: logs.McapRunLog | None) -> str | None:
     """Close the log; what it complains of is said beside the run's numbers, not instead."""
-    from sprintlab.deployment.log.topics import LogError
-
     try:
         if log is not None:
             log.close()
@@ -176,11 +150,11 @@ def _closed(log: McapRunLog | None) -> str | None:
 
 
 @contextmanager
-def _status_line() -> Generator[Callable[[Controller, LoopReport], None]]:
+def _status_line() -> Generator[Callable[[control.Controller, control.LoopReport], None]]:
     """Yield a function that shows the run's state on a terminal; it never waits for one, nor needs it."""
     descriptor = sys.stderr.fileno() if sys.stderr.isatty() else None
 
-    def show(controller: Controller, report: LoopReport) -> None:
+    def show(controller: control.Controller, report: control.LoopReport) -> None:
         if descriptor is None or not select.select([], [descriptor], [], 0.0)[1]:
             return
         faults = sum(controller.fault_counts.values())
@@ -198,39 +172,25 @@ def _status_line() -> Generator[Callable[[Controller, LoopReport], None]]:
 
 
 def _driven(
-    controller: Controller, report: LoopReport, source: Any, distance: float, problem: str | None
+    controller: control.Controller, report: control.LoopReport, source: Any, problem: str | None
 ) -> Result:
     """Duration, end, deadlines, latencies and faults of a run."""
-    from sprintlab.deployment.safety import RESPONSES, Reaction
-
     finish, begun = getattr(source, "finish_time", None), controller.moving_since
     time = None if finish is None or begun is None else round(finish - begun, 3)
     faults = {fault.value: count for fault, count in controller.fault_counts.items()}
     grave = any(RESPONSES[fault].reaction is not Reaction.DROP for fault in controller.fault_counts)
     numbers = {**report.to_dict(), "sprint_time": time, "faults": faults, "log_problem": problem}
-    rows = [("time", f"{report.duration:.2f}", "s"), ("end", report.end, "")]
-    if time is not None:
-        rows.append((f"time over {distance:g} m", f"{time:.2f}", "s"))
-    if (grant := report.grant) is not None:
-        rows += [
-            ("memory locked", "yes" if grant.memory_locked else "no", ""),
-            ("real-time priority", "none" if grant.priority is None else str(grant.priority), ""),
-            ("deadline misses", f"{report.deadline_misses} of {report.steps}", ""),
-            ("periods skipped", str(report.skipped), ""),
-        ]
-    rows += [(f"refused: {reason}", str(count), "") for reason, count in report.refused.items()]
-    rows += [(f"fault {name}", str(count), "") for name, count in faults.items()]
-    columns = ("p50", "p90", "p99", "p99.9", "max")
-    latencies = (
-        (name.replace("_", " "), *("-" if each[key] is None else f"{each[key]:.0f}" for key in columns))
-        for name, each in numbers["microseconds"].items()
+    latencies = [{"what": name.replace("_", " "), **each} for name, each in numbers["microseconds"].items()]
+    told = {name: value for name, value in numbers.items() if name != "microseconds"}
+    return Result(
+        numbers=numbers,
+        shown=[
+            quantities("Run", told, units={"duration": "s", "sprint_time": "s"}),
+            records("\nLatency [µs]", latencies),
+        ],
+        found=report,
+        status=0 if report.end == "passive" and not grave else 1,
     )
-    shown = [
-        table("Run", "quantity", "value", "unit", rows=rows),
-        table("Latency [µs]", "what", *columns, numbers=columns, rows=latencies),
-    ]
-    in_order = report.end == "passive" and not grave
-    return Result(numbers=numbers, shown=shown, found=report, status=0 if in_order else 1)
 
 
 @checked
@@ -262,11 +222,10 @@ def robot_sim(
 ) -> Result:
     """Be a robot on the bus: the 1 kHz plant in a process of its own, with the faults of a real link.
 
-    It runs until Ctrl-C, until --duration has passed, or, with --end-with-controller, until the controller
-    has left. The status is 1 when the robot fell.
+    It runs until Ctrl-C, or until one of the ends below. The status is 1 when the robot fell.
+    Example: sprintlab robot-sim shm://bp2 --end-with-controller
 
     Args:
-        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left out.
         start: lying on the ground with damped joints, or standing.
         delay: delay of every message, each way [ms].
@@ -287,29 +246,20 @@ def robot_sim(
         end_with_controller: end when the controller has left.
         distance: mark whose passing is timed [m].
         truth: also write the true motion as a trajectory (.npz); needs --duration, of an hour at most.
-        drive: motor model, battery and heat; the published numbers' when left out.
-        progress: called with simulated time and distance.
-
-    Raises:
-        SprintlabError: an option or the bus is refused, the controller stopped answering in lock-step, or the
-            motion cannot be written.
     """
-    from sprintlab.deployment.simulator import TYPICAL_NOISE, LinkOptions, PaceOptions, SimulatorOptions
-    from sprintlab.plant import TrialSettings
-
-    link = LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
-    options = SimulatorOptions(
+    link = simulators.LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
+    options = simulators.SimulatorOptions(
         plant=replace(drive.plant(), bus_voltage=bus_voltage),
         trial=TrialSettings(seed=seed, friction=friction, payload=payload),
         to_controller=link,
         to_robot=link,
-        noise=TYPICAL_NOISE.scaled(noise),
+        noise=simulators.TYPICAL_NOISE.scaled(noise),
         start=start,
         fix_rate=fix_rate,
         watchdog_timeout=1e-3 * watchdog,
         seed=seed,
     )
-    pace = PaceOptions(
+    pace = simulators.PaceOptions(
         speed_factor=speed_factor,
         lock_step=lock_step,
         duration=duration,
@@ -317,50 +267,17 @@ def robot_sim(
     )
     check_positive("distance", distance, "m")
     check_range("priority", priority, 1, 99)
-    if truth is not None:
-        _check_truth(Path(truth), duration)
-    asked = priority if real_time and not lock_step else None
-    report = _simulate(bus, robot or default_robot(), options, pace, asked, distance, truth, progress)
-    return _simulated(report)
-
-
-def _check_truth(truth: Path, duration: float | None) -> None:
-    """Refuse a file that cannot take the true motion of a simulation. Raises ``SprintlabError``."""
-    if duration is None:
-        raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
-    check_range("duration of a truth", duration, 0.0, _LONGEST_TRUTH, "s")
-    check_choice("truth's ending", truth.suffix, (".npz",))
-    check_writable_file(truth)
-
-
-def _simulate(
-    bus: str,
-    robot: str | Path,
-    options: SimulatorOptions,
-    pace: PaceOptions,
-    priority: int | None,
-    distance: float,
-    truth: Path | None,
-    progress: Progress,
-) -> SimulatorReport:
-    """Be a robot until Ctrl-C, or until the end that ``pace`` sets; write its true motion."""
-    from sprintlab.deployment.bus import open_endpoint
-    from sprintlab.deployment.controller.realtime import real_time
-    from sprintlab.deployment.simulator import SimulatedWorld, run_simulator
-    from sprintlab.robots import load_robot
-
+    samples = None if truth is None else _truth_seconds(Path(truth), duration)
     with ExitStack() as interruptible:  # left last, as in ``run``
-        with closing(open_endpoint(bus)) as endpoint:
-            world, recorder = SimulatedWorld(load_robot(robot), options), None
-            if truth is not None and pace.duration is not None:
-                from sprintlab.evaluation.recorder import Recorder
-
+        with closing(buses.open_endpoint(bus)) as endpoint:
+            world, recorder = simulators.SimulatedWorld(load_robot(robot or default_robot()), options), None
+            if samples is not None:
                 plant = world.robot.plant
-                recorder = Recorder(plant, ceil(pace.duration * plant.options.record_rate) + 1)
+                recorder = Recorder(plant, ceil(samples * plant.options.record_rate) + 1)
             remark(f"the robot is on {bus}; Ctrl-C ends it")
             interrupted = interruptible.enter_context(counted_interruptions())
-            with nullcontext() if priority is None else real_time(priority):
-                report = run_simulator(
+            with scheduled(priority) if real_time and not lock_step else nullcontext():
+                report = simulators.run_simulator(
                     world,
                     endpoint,
                     pace,
@@ -374,26 +291,20 @@ def _simulate(
             from sprintlab.evaluation.race_files import save_trajectory
 
             save_trajectory(Path(truth), recorder.trajectory())
-    return report
+    numbers = report.to_dict()
+    shown = quantities("Simulated robot", numbers, units=SIMULATED_UNITS)
+    return Result(numbers=numbers, shown=[shown], found=report, status=1 if report.fall_reason else 0)
 
 
-def _simulated(report: SimulatorReport) -> Result:
-    marks = [
-        (f"passed {mark:g} m, after the simulation's start", f"{moment:.2f}", "s")
-        for mark, moment in report.finish_times.items()
-    ]
-    rows = [
-        ("simulated time", f"{report.simulated_time:.2f}", "s"),
-        ("greatest distance", f"{report.greatest_distance:.2f}", "m"),
-        *marks,
-        ("top speed (0.5 s mean)", f"{report.top_speed:.2f}", "m/s"),
-        ("fall", report.fall_reason or "none", ""),
-        ("commands accepted", str(report.commands_accepted), ""),
-        ("commands dropped", str(report.commands_dropped), ""),
-        *((f"dropped: {reason}", str(count), "") for reason, count in report.drop_reasons.items()),
-        ("watchdog trips", str(report.watchdog_trips), ""),
-        ("late steps", str(report.late_steps), ""),
-        ("time given up", f"{1e3 * report.given_up:.1f}", "ms"),
-    ]
-    shown = [table("Simulated robot", "quantity", "value", "unit", rows=rows)]
-    return Result(numbers=report.to_dict(), shown=shown, found=report, status=1 if report.fall_reason else 0)
+SIMULATED_UNITS = {"simulated_time": "s", "greatest_distance": "m", "top_speed": "m/s", "given_up": "s"}
+"""Units of a simulated robot's numbers."""
+
+
+def _truth_seconds(truth: Path, duration: float | None) -> float:
+    """Length of the true motion that a file is to take [s]. Raises ``SprintlabError`` where it cannot."""
+    if duration is None:
+        raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
+    check_range("duration of a truth", duration, 0.0, _LONGEST_TRUTH, "s")
+    check_choice("truth's ending", truth.suffix, (".npz",))
+    check_writable_file(truth)
+    return duration

@@ -6,18 +6,22 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sprintlab.api.reached import what_was_reached
+from sprintlab.api.reached import LOG_LIMIT, what_was_reached
 from sprintlab.api.results import (
     Drawn,
     Progress,
     Result,
-    leave_to_the_parent,
+    drawn,
+    exit_if_worker,
+    quantities,
+    records,
     remark,
     silent,
-    table,
 )  # fmt: skip
+from sprintlab.control.pace import PaceContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
@@ -25,36 +29,29 @@ from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable, check_writable_file
 from sprintlab.core.garbage import suspended_garbage_collection
 from sprintlab.core.reading import read_rows, refused_as_damaged
+from sprintlab.training import methods as known
+from sprintlab.training.runs import sweep as sweeps
+from sprintlab.training.runs.checkpoint import read_checkpoint
+from sprintlab.training.runs.options import TrainOptions, check_places
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings_text import (
+    read_settings,
+    settings_toml,
+    to_plain,
+    with_changes,
+)  # fmt: skip
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sprintlab.control.pace import PaceContract
-    from sprintlab.training.runs.sweep import SweptRun
-    from sprintlab.training.settings import TrainingSettings
-
-_LOG_LIMIT = 64 << 20
-NEEDED = ("torch",)
 UNITS = {
-    "environment_steps": "policy steps",
-    "seconds": "s",
-    "speed_median": "m/s",
-    "speed_p95": "m/s",
-    "speed_p999": "m/s",
-    "range_upper": "m/s",
-    "falls": "per robot and step",
-}
+    "environment_steps": "policy steps", "seconds": "s", "speed_median": "m/s", "speed_p95": "m/s",
+    "speed_p999": "m/s", "range_upper": "m/s", "falls": "per robot and step",
+}  # fmt: skip
 """Units of a run's numbers by name."""
+_SHOWN = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
 
 
 def require_training() -> None:
-    """Refuse with one sentence where the training extra is not installed.
-
-    Raises:
-        SprintlabError: names a missing package and how to install it.
-    """
-    for name in NEEDED:
-        require_package(name, extra="train", use="training")
+    """Refuse with one sentence where the training extra is not installed. Raises ``SprintlabError``."""
+    require_package("torch", extra="train", use="training")
 
 
 @checked
@@ -78,10 +75,7 @@ def method(
     Raises:
         SprintlabError: an unknown method or setting, or a value that is not allowed.
     """
-    from sprintlab.training import methods
-    from sprintlab.training.settings_text import with_changes
-
-    settings = methods.method(name, robot=_robot_word(robot), seed=seed)
+    settings = known.method(name, robot=_robot_word(robot), seed=seed)
     sized = {} if environments is None else {"simulation.environments": environments}
     return with_changes(settings, {**sized, **(changes or {})})
 
@@ -117,28 +111,7 @@ class Training(Drawn):
         Raises:
             SprintlabError: the run has no log, or a damaged one.
         """
-        return read_rows(self.folder / "log.jsonl", _LOG_LIMIT)
-
-
-def training_in(folder: Path) -> Training:
-    """The training run of a folder.
-
-    Raises:
-        SprintlabError: the run has no log, or a damaged one.
-    """
-    log = read_rows(folder / "log.jsonl", _LOG_LIMIT)
-
-    def draw() -> Figure:
-        require_training()
-        from sprintlab.training.runs.figures import learning_curve
-
-        return learning_curve(log)
-
-    numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
-    names = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
-    rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in names if name in numbers)
-    shown = [table(f"Training in {folder}", "what", "value", rows=rows)]
-    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
+        return read_rows(self.folder / "log.jsonl", LOG_LIMIT)
 
 
 @checked
@@ -165,45 +138,34 @@ def train(
 ) -> Training:
     """Train a policy for a robot until the time or the iterations are used up, and export it.
 
+    Example: sprintlab train bp2 --seed 1 --output runs/sprint-1
+
     Args:
-        robot: name, folder or table of the robot, to which lengths, speeds and masses are scaled; that of the
-            settings, or bp2, when left out. From Python also settings of a run, as ``sl.method`` gives them.
+        robot: name, folder or table of the robot (from Python also settings of a run); that of the settings,
+            or bp2, when left out.
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
-            uniform-commands; literal-acs: commands that follow the robot and move toward nothing;
-            no-saturation; after other papers: rlvrl, lp-acrl, after-hacl, hound, stride-prior.
-        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
+            uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, after-hacl,
+            hound, stride-prior.
         seed: of every random generator; that of the settings, or 0, when left out.
-        minutes: end the run after this much training time, over all sessions; without minutes and iterations
-            after 7 on a GPU, 60 on a CPU.
+        minutes: training time over all sessions; without it and iterations 7 on a GPU, 60 on a CPU.
         iterations: stop at this iteration of the run; at most 30,000.
-        environments: robots side by side; 32768 on a GPU and 2048, with small networks, on a CPU when left
-            out.
+        environments: robots side by side; 32768 on a GPU and 2048 on a CPU when left out.
         set: a setting that differs from the default, e.g. ppo.steps=16; --dry-run lists all.
         settings: TOML file of the settings that differ, such as the run.toml of another run.
-        device: cuda:0, cpu or auto.
         output: folder of the run: checkpoint, log, run.toml and, at its end, policy.onnx.
         resume: go on from the checkpoint in the folder, where there is one.
         dry_run: print every setting as a file for --settings, and train nothing.
-        save_seconds: time between checkpoints.
-        milestones: keep the policy as it is at every multiple of this training time [s], as
-            output/milestones/0030.pt and so on.
+        milestones: keep the policy at every multiple of this training time [s], as milestones/0030.pt.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
         plain: no curves in output/tensorboard.
         wandb: project on Weights & Biases that gets the same curves (needs the extra wandb).
-
-    Raises:
-        SprintlabError: the extra is not installed, or a setting or the folder is refused.
     """
-    leave_to_the_parent()
+    exit_if_worker()
     # Read when PyTorch is imported: threads that spin while they wait make a busy machine five times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if not dry_run:
         require_training()
-    from sprintlab.training.runs.options import TrainOptions, check_places
-    from sprintlab.training.settings_text import settings_toml, to_plain
-
-    chosen = _chosen_settings(robot, method, preset, settings, set, seed)
-    folder = Path(output)
+    chosen, folder = _chosen_settings(robot, method, preset, settings, set, seed), Path(output)
     options = TrainOptions(
         settings=chosen,
         output=folder,
@@ -227,7 +189,16 @@ def train(
         from sprintlab.training.runs.run import train as run
 
     run(options)
-    return _training_in(folder, chosen.robot)
+    log = read_rows(folder / "log.jsonl", LOG_LIMIT)
+    numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
+    shown: list[Any] = []
+    if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
+        remark("three trials in the plant tell what the policy reached")
+        told = {name: numbers[name] for name in _SHOWN if name in numbers}
+        shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]
+        shown += what_was_reached(folder, chosen.robot)
+    draw = drawn("training.runs.figures.learning_curve", log)
+    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
 
 
 def _chosen_settings(
@@ -243,17 +214,13 @@ def _chosen_settings(
     Raises:
         InvalidValueError: the file is for another robot or method than the typed one.
     """
-    from sprintlab.training import methods
-    from sprintlab.training.settings import TrainingSettings
-    from sprintlab.training.settings_text import read_settings, with_changes
-
     named = None
     if isinstance(robot, TrainingSettings):
         chosen = robot
     else:
         check_kind("robot", robot, str | Path | None)
         named = None if robot is None else _robot_word(robot)
-        chosen = methods.method(method or methods.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
+        chosen = known.method(method or known.DEFAULT_METHOD, robot=named or "bp2", preset=preset)
     if file is not None:
         chosen = read_settings(Path(file), chosen)
         for name, typed in (("robot", named), ("method", method)):
@@ -263,29 +230,8 @@ def _chosen_settings(
     return chosen if seed is None else with_changes(chosen, {"seed": seed})
 
 
-def _no_curves() -> Figure:
+def _no_curves() -> Any:
     raise SprintlabError("nothing was trained: there is no curve to draw")
-
-
-def _training_in(folder: Path, robot: str) -> Training:
-    """The training run of a folder, and what its policy reaches."""
-    log = read_rows(folder / "log.jsonl", _LOG_LIMIT)
-
-    def draw() -> Figure:
-        from sprintlab.training.runs.figures import learning_curve
-
-        return learning_curve(log)
-
-    numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
-    names = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
-    rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in names if name in numbers)
-    shown: list[Any] = []
-    if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
-        remark("three trials in the plant tell what the policy reached")
-        where = f"policy: {folder / 'policy.onnx'}"
-        shown = [table(f"Training in {folder}", "what", "value", rows=rows), where]
-        shown += what_was_reached(folder, robot)
-    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
 
 
 @checked
@@ -295,37 +241,28 @@ def learning(
     """Say how far a training run has come, and draw its curves and curriculum.
 
     It reads the run's checkpoint, also while the run goes on.
+    Example: sprintlab learning runs/sprint-0
 
     Args:
         run_folder: folder of the run, with its checkpoint.pt, or a checkpoint.
         output: folder for the pictures; the run's own when left out.
-        progress: called with what is being done.
-
-    Raises:
-        SprintlabError: there is no checkpoint, damaged, or a milestone, or the extra is missing.
     """
     require_training()
-    from sprintlab.training.runs.checkpoint import read_checkpoint
-
     run = Path(run_folder)
     checkpoint = run / "checkpoint.pt" if run.is_dir() else run
     place = checkpoint.parent if output is None else Path(output)
     progress("reading the run", None)
     state = read_checkpoint(checkpoint)
     check_writable(place / "learning.png")
-    from sprintlab.training.runs.figures import learning_figures, learning_numbers
-
     if "learner" not in state:
         raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
+    from sprintlab.training.runs.figures import learning_figures, learning_numbers
+
     with refused_as_damaged(checkpoint):
         numbers = learning_numbers(state)
         progress("drawing", None)
         figures = list(map(str, learning_figures(state, place)))
-    texts = {
-        name: f"{value:.6g}" if isinstance(value, float) else str(value) for name, value in numbers.items()
-    }
-    rows = ((name.replace("_", " "), text, UNITS.get(name, "")) for name, text in texts.items())
-    shown = [table(str(checkpoint), "what", "value", "unit", rows=rows), *figures]
+    shown = [quantities(str(checkpoint), numbers, units=UNITS), *figures]
     return Result(numbers={**numbers, "figures": figures}, shown=shown)
 
 
@@ -341,27 +278,21 @@ def export(
 ) -> Result:
     """Write a training checkpoint as one ONNX file that carries its own contract, checked against PyTorch.
 
+    Example: sprintlab export runs/sprint-0/checkpoint.pt sprint.onnx
+
     Args:
         checkpoint: checkpoint of a training run.
         output: the ONNX file to write.
-        braking_power: the forward command that reaches the network falls no faster than this power for each
-            kilogram of the robot [W/kg]; as it is given when left out.
-        lead: the forward command that reaches the network runs no further ahead of the estimated speed [m/s],
-            and falls as with the default of --braking-power; as far as it is given when left out.
-        turning_speed: the network is asked for more than the commanded yaw rate, for twice as much at this
-            forward speed [m/s], and a loop on the gyroscope adds what is still missing; without, for the one
-            that is commanded.
-        progress: called with what is being done.
-
-    Raises:
-        InvalidValueError: the power, the lead or the speed is out of range.
-        SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
+        braking_power: the command that reaches the network falls no faster than this power a kilogram [W/kg].
+        lead: the command that reaches the network runs no further ahead of the estimated speed [m/s].
+        turning_speed: the network is asked for twice the commanded yaw rate at this forward speed [m/s], and
+            a loop on the gyroscope adds what is missing.
     """
     require_training()
-    from sprintlab.control.turning import TurningContract
-    from sprintlab.training.runs.checkpoint import read_checkpoint
-
-    checkpoint, output, pace = Path(checkpoint), Path(output), _pace(power=braking_power, lead=lead)
+    checkpoint, output = Path(checkpoint), Path(output)
+    asked = {"power": braking_power, "lead": lead}
+    given = {name: value for name, value in asked.items() if value is not None}
+    pace = PaceContract(**given) if given else None
     turning = None if turning_speed is None else TurningContract(doubling_speed=turning_speed)
     if not checkpoint.is_file():
         raise SprintlabError(f"checkpoint {checkpoint} does not exist")
@@ -376,13 +307,6 @@ def export(
     compared = f"greatest difference from PyTorch: {made.difference:.1e}"
     numbers = {**made._asdict(), "path": str(made.path)}
     return Result(numbers=numbers, shown=[f"policy: {made.path}", compared], found=made)
-
-
-def _pace(**given: float | None) -> PaceContract | None:
-    from sprintlab.control.pace import PaceContract
-
-    chosen = {name: value for name, value in given.items() if value is not None}
-    return PaceContract(**chosen) if chosen else None
 
 
 @checked
@@ -406,16 +330,14 @@ def sweep(
 ) -> Result:
     """Train methods x seeds x settings, one run on each GPU at a time; start it again and it goes on.
 
-    Every run gets <output>/<method>/seed-<k>/ with all that a training leaves; with --vary there is a folder
-    of that kind for each combination.
+    Every run gets <output>/<method>/seed-<k>/; with --vary there is a folder of that kind a combination.
+    Example: sprintlab sweep runs/study --seeds 3
 
     Args:
         output: folder of the sweep.
         robot: name, folder or table of the robot.
         methods: to train; all six of the paper when left out.
-        preset: sprintlab, or paper: the paper's reward table to the letter.
         seeds: number of seeds a method, from 0.
-        set: a setting of every run that differs from the default, e.g. ppo.steps=16.
         vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
         minutes: training time of each run; as train has it when left out.
         iterations: at which each run ends.
@@ -424,25 +346,22 @@ def sweep(
         parallel: trainings that share a GPU, or the CPU; memory must allow it.
         retries: how often a run that failed or was killed is started again.
         dry_run: print the commands of the runs that are not finished, for a cluster's scheduler.
-        progress: called with how many runs are finished.
-
-    Raises:
-        SprintlabError: an option is refused, a package is missing, or runs failed; the error's ``found`` then
-            says how every run ended.
     """
-    from sprintlab.training.methods import METHODS
-    from sprintlab.training.runs.sweep import parse_variations, plan_sweep, train_all, training_devices
-
     check_range("seeds", seeds, 1, 1000)
     check_range("parallel", parallel, 1, 64)
     check_range("retries", retries, 0, 1000)
-    runs = plan_sweep(
-        Path(output), robot=_robot_word(robot), methods=tuple(methods) or tuple(METHODS), preset=preset,
-        seeds=range(seeds), fixed=set, varied=parse_variations(vary), minutes=minutes, iterations=iterations,
-        environments=environments, device=None if device == "auto" else device,
+    runs = sweeps.plan_sweep(
+        Path(output), robot=_robot_word(robot), methods=tuple(methods) or tuple(known.METHODS), preset=preset,
+        seeds=range(seeds), fixed=set, varied=sweeps.parse_variations(vary), minutes=minutes,
+        iterations=iterations, environments=environments, device=None if device == "auto" else device,
     )  # fmt: skip
+    told = [{"run": run.name, "folder": str(run.folder)} for run in runs]
     if dry_run:
-        return _planned(runs)
+        numbers = [
+            {**each, "done": run.finished, "command": run.command}
+            for each, run in zip(told, runs, strict=True)
+        ]
+        return Result(numbers=numbers, shown=[run.command for run in runs if not run.finished])
     require_training()
     states = {run.name: "finished" if run.finished else "waiting" for run in runs}
 
@@ -454,34 +373,20 @@ def sweep(
         progress(f"{done} of {len(runs)} runs finished", done / len(runs))
 
     def result() -> Result:
-        return _status(runs, states)
+        numbers = [
+            {**each, "state": states[run.name], "last": run.last_row()}
+            for each, run in zip(told, runs, strict=True)
+        ]
+        columns = {"iteration": "iteration", "speed_p999_m_s": "speed_p999", "falls": "falls"}
+        rows = [
+            {"run": row["run"], "state": row["state"],
+             **{name: row["last"].get(key) for name, key in columns.items()}} for row in numbers
+        ]  # fmt: skip
+        return Result(numbers=numbers, shown=[records("Sweep", rows)])
 
     try:
-        train_all(runs, parallel * training_devices(device), retries, watch)
+        sweeps.train_all(runs, parallel * sweeps.training_devices(device), retries, watch)
     except BaseException as error:
         error.found = result()  # pyright: ignore[reportAttributeAccessIssue]
         raise
     return result()
-
-
-def _planned(runs: Sequence[SweptRun]) -> Result:
-    """What a sweep would train: a command per run."""
-    numbers = [
-        {"run": run.name, "folder": str(run.folder), "done": run.finished, "command": run.command}
-        for run in runs
-    ]
-    return Result(numbers=numbers, shown=[run.command for run in runs if not run.finished])
-
-
-def _status(runs: Sequence[SweptRun], states: Mapping[str, str]) -> Result:
-    """How every run of a sweep stands; the speed is that of the fastest 0.1 % of the robots."""
-    columns = {"iteration": "iteration", "speed_p999": "fastest m/s", "falls": "falls per step"}
-    made = table("sweep", "run", "state", *columns.values(), numbers=tuple(columns.values()))
-    numbers = [
-        {"run": run.name, "folder": str(run.folder), "state": states[run.name], "last": run.last_row()}
-        for run in runs
-    ]
-    for row in numbers:
-        cells = (f"{row['last'][name]:.4g}" if name in row["last"] else "-" for name in columns)
-        made.add_row(row["run"], row["state"], *cells)
-    return Result(numbers=numbers, shown=[made])

@@ -2,12 +2,13 @@
 
 Parameters before the ``*`` of a signature are typed without their names; the docstring is the help. Exit
 status: 0 done, 1 done but the robot fell or was stopped (``run``, ``robot-sim``), 2 refused with a sentence
-on stderr, 130 interrupted. Functions import heavy packages when they are called, so that ``--help`` answers
-at once.
+on stderr, 130 interrupted. A module of ``sprintlab.api`` is imported only for one of its commands, so that
+``--help`` answers at once.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import difflib
 import functools
@@ -17,63 +18,60 @@ import re
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import MISSING, field, make_dataclass
+from importlib import import_module
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
-from sprintlab.api.design import design
-from sprintlab.api.doctor import doctor
-from sprintlab.api.evaluations import evaluate
-from sprintlab.api.limits import audit_rollout, limit
-from sprintlab.api.motors import actuators, envelope, identify_motor, motor_from_datasheet, show_motor
-from sprintlab.api.perturbations import ground, lap, robustness, turning
-from sprintlab.api.races import race
-from sprintlab.api.replays import Playing, play, replay
-from sprintlab.api.reports import report
+from sprintlab import api
+from sprintlab.api.options import OPTIONS
 from sprintlab.api.results import Drawn, Result
-from sprintlab.api.robot_bus import robot_sim, run
-from sprintlab.api.robots import import_robot, list_robots, show_robot
-from sprintlab.api.training import export, learning, sweep, train
 from sprintlab.cli.output import REFUSED, exit_status, print_json, progress_bar, stdout_console
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import check_figure_path
 
 COMMANDS: dict[str, dict[str, Any]] = {
-    "see it": {
-        "race": functools.partial(race, report=True, video=True),
-        "play": play,
-        "replay": replay,
-    },
+    "see it": {"race": "races.race", "play": "replays.play", "replay": "replays.replay"},
     "measure": {
-        "evaluate": evaluate,
-        "turning": turning,
-        "lap": lap,
-        "ground": ground,
-        "robustness": robustness,
-        "audit": audit_rollout,
-        "limit": limit,
-        "design": design,
+        "evaluate": "evaluations.evaluate",
+        "turning": "perturbations.turning",
+        "lap": "perturbations.lap",
+        "ground": "perturbations.ground",
+        "robustness": "perturbations.robustness",
+        "audit": "limits.audit_rollout",
+        "limit": "limits.limit",
+        "design": "design.design",
     },
     "motors and robots": {
         "motor": {
-            "envelope": envelope,
-            "from-datasheet": motor_from_datasheet,
-            "identify": identify_motor,
-            "library": actuators,
-            "show": show_motor,
+            "envelope": "motors.envelope",
+            "from-datasheet": "motors.motor_from_datasheet",
+            "identify": "motors.identify_motor",
+            "library": "motors.actuators",
+            "show": "motors.show_motor",
         },
-        "robot": {"show": show_robot, "new": import_robot, "list": list_robots},
+        "robot": {"show": "robots.show_robot", "new": "robots.import_robot", "list": "robots.list_robots"},
     },
-    "train": {"train": train, "sweep": sweep, "learning": learning, "export": export, "doctor": doctor},
-    "deploy": {"run": run, "robot-sim": robot_sim, "report": report},
+    "train": {
+        "train": "training.train",
+        "sweep": "training.sweep",
+        "learning": "training.learning",
+        "export": "training.export",
+        "doctor": "doctor.doctor",
+    },
+    "deploy": {"run": "robot_bus.run", "robot-sim": "robot_bus.robot_sim", "report": "reports.report"},
 }
-"""The commands by what one wants: functions, or subcommands by their names."""
+"""The commands by what one wants: the functions' places in ``sprintlab.api``, or subcommands by name."""
 ALL = {name: command for commands in COMMANDS.values() for name, command in commands.items()}
+DEFAULTS = {
+    "races.race": {"report": True, "video": True},
+    "motors.show_motor": {"gear_ratio": 1.0, "gear_efficiency": 1.0},
+}
+"""Defaults of the command line that are not the function's."""
 SUMMARIES = {
     "": "How fast can a legged robot run before its motors, not its controller, stop it?",
     "motor": "Motors: from a data sheet or a bench to parameters, envelope and picture.",
@@ -82,15 +80,31 @@ SUMMARIES = {
 REPEATED = ("column", "set", "vary")
 """Options of several values that are typed once for each."""
 _CONFIG = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff)
+_FIGURE = Annotated[Path | None, tyro.conf.arg(help="picture to draw (.png, .pdf or .svg).")]
+_JSON = Annotated[bool, tyro.conf.arg(help="print JSON only.")]
 
 
-def typed(function: Callable[..., Result]) -> Any:
-    """A dataclass of a function's parameters, from which the parser is made."""
-    hints, options = get_type_hints(_bare(function)), list[tuple[str, Any, Any]]()
+def command_function(command: Any) -> Callable[..., Result]:
+    """The function of a command, with the defaults of the command line."""
+    if not isinstance(command, str):
+        return command
+    module, _, name = command.partition(".")
+    function = getattr(import_module(f"sprintlab.api.{module}"), name)
+    return functools.partial(function, **DEFAULTS[command]) if command in DEFAULTS else function
+
+
+def typed(command: Any) -> Any:
+    """A dataclass of the parameters of a command's function, from which the parser is made."""
+    function = command_function(command)
+    bare = getattr(function, "func", function)
+    hints, options = get_type_hints(bare), list[tuple[str, Any, Any]]()
+    documented = inspect.getdoc(bare) or ""
     for name, parameter in inspect.signature(function).parameters.items():
         if name == "progress":
             continue
         kind = _kind(hints[name])
+        if name in OPTIONS and f"\n    {name}: " not in documented:
+            kind = Annotated[kind, tyro.conf.arg(help=OPTIONS[name])]
         if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
             kind = tyro.conf.Positional[kind]
         elif name in REPEATED:
@@ -98,16 +112,9 @@ def typed(function: Callable[..., Result]) -> Any:
         default = MISSING if parameter.default is parameter.empty else parameter.default
         options.append((name, kind, field(default=default)))
     if issubclass(hints["return"], Drawn):
-        what = tyro.conf.arg(help="picture to draw (.png, .pdf or .svg); none when left out.")
-        options.append(("figure", Annotated[Path | None, what], field(default=None)))
-    said = tyro.conf.arg(help="print JSON only.")
-    options.append(("json", Annotated[bool, said], field(default=False)))
-    documented = {"__doc__": inspect.getdoc(_bare(function))}
-    return make_dataclass("Typed", options, namespace=documented, kw_only=True, frozen=True)
-
-
-def _bare(function: Any) -> Any:
-    return function.func if isinstance(function, functools.partial) else function
+        options.append(("figure", _FIGURE, field(default=None)))
+    options.append(("json", _JSON, field(default=False)))
+    return make_dataclass("Typed", options, namespace={"__doc__": documented}, kw_only=True, frozen=True)
 
 
 def _kind(kind: Any) -> Any:
@@ -129,24 +136,35 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
         SprintlabError: the picture cannot be drawn there, or what the function raises.
     """
     given = dict(given)
-    json, figure = given.pop("json"), given.pop("figure", None)
-    draws = issubclass(get_type_hints(_bare(function))["return"], Drawn)
-    drawn = {"figure": None if figure is None else str(figure)} if draws else {}
+    json, drawn = given.pop("json"), {"figure": given.pop("figure")} if "figure" in given else {}
+    figure = drawn.get("figure")
     check_figure_path(figure)
+    reports = "progress" in inspect.signature(function).parameters
+
+    def show(found: Result) -> None:
+        if not json:
+            stdout_console().print(found, soft_wrap=True)
+            return
+        numbers = found.to_dict()
+        told = {name: path and str(path) for name, path in drawn.items()}
+        print_json({**numbers, **told} if isinstance(numbers, dict) else numbers)
+
     try:
-        reports = "progress" in inspect.signature(function).parameters
         with progress_bar(quiet=json or not reports) as progress:
             if reports:
-                given["progress"] = progress
                 progress("loading", None)
+                given["progress"] = progress
             found = function(**given)
     except BaseException as error:
         if isinstance(kept := getattr(error, "found", None), Result):
-            _print(kept, json, drawn)
+            show(kept)
         raise
-    if isinstance(found, Playing):
-        return _play(found, json)
-    _print(found, json, drawn)
+    try:
+        show(found)
+        found.run()
+    except KeyboardInterrupt:
+        if found.serve is None:
+            raise
     if figure is not None and isinstance(found, Drawn):
         from sprintlab.core.theme import save_figure
 
@@ -156,26 +174,16 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
     return found.status
 
 
-def _play(page: Playing, json: bool) -> int:
-    """Say where the page is, and serve it until Ctrl-C, which may come at once."""
-    with suppress(KeyboardInterrupt):
-        _print(page, json, {})
-        page.run()
-    return page.status
-
-
-def _print(found: Result, json: bool, drawn: dict[str, str | None]) -> None:
-    if not json:
-        stdout_console().print(found, soft_wrap=True)
-        return
-    numbers = found.to_dict()
-    print_json({**numbers, **drawn} if isinstance(numbers, dict) else numbers)
-
-
 def summary(name: str, command: Any) -> str:
-    """The first sentence of what a command does."""
-    text = SUMMARIES[name] if isinstance(command, dict) else inspect.getdoc(_bare(command)) or ""
-    return text.partition("\n")[0].replace("``", "")
+    """The first sentence of what a command does, read from its function's source without importing it."""
+    if isinstance(command, dict):
+        return SUMMARIES[name]
+    if not isinstance(command, str):
+        return (inspect.getdoc(command) or "").partition("\n")[0]
+    module, _, function = command.partition(".")
+    tree = ast.parse(Path(api.__path__[0], f"{module}.py").read_text(encoding="utf-8"))
+    found = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == function)
+    return (ast.get_docstring(found) or "").partition("\n")[0]
 
 
 def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str:
@@ -186,8 +194,7 @@ def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str
         lines += ["", heading]
         for name, command in group.items():
             told = f"  {name:<14} " if commands else f"  {name:<11} "
-            wrapped = textwrap.wrap(summary(name, command), 100 - len(told))
-            lines += [told + wrapped[0], *(" " * len(told) + line for line in wrapped[1:])]
+            lines += textwrap.wrap(told + summary(name, command), 100, subsequent_indent=" " * len(told))
     more = "" if title else "; sprintlab --version the version"
     return "\n".join([*lines, "", f"{called} COMMAND --help lists a command's options{more}."])
 
@@ -199,29 +206,27 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
         SprintlabError: there is no such command, or an option is not one of the command.
         SystemExit: help was printed, or the command line makes no sense.
     """
-    words, named, level = list(arguments), list[str](), ALL
+    words, named, level = list(arguments), ["sprintlab"], ALL
     while isinstance(level, dict):
-        place = " ".join(named)
+        place = " ".join(named[1:])
         if not words or words[0] in ("-h", "--help"):
-            print(grouped_help(place, level if named else None))
+            print(grouped_help(place, level if place else None))
             raise SystemExit(0 if words else REFUSED)
         if words[0] not in level:
-            hint = did_you_mean(
-                words[0], level, f"sprintlab {place} --help".replace("  ", " ") + " lists all commands"
-            )
+            hint = did_you_mean(words[0], level, f"{' '.join(named)} --help lists all commands")
             raise SprintlabError(f"there is no command {printable(words[0])}: {hint}")
         named.append(words.pop(0))
         level = level[named[-1]]
     kind, said = typed(level), io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            found = tyro.cli(kind, prog=f"sprintlab {' '.join(named)}", args=words, config=_CONFIG)
+            found = tyro.cli(kind, prog=" ".join(named), args=words, config=_CONFIG)
     except SystemExit as stop:
         if stop.code == REFUSED:
             refuse_unknown_option(" ".join(named), words, help_of(kind))
         print(said.getvalue(), end="", file=sys.stderr)
         raise
-    return level, vars(found)
+    return command_function(level), vars(found)
 
 
 def did_you_mean(word: str, known: Any, otherwise: str, most: int = 2) -> str:
@@ -248,8 +253,9 @@ def refuse_unknown_option(command: str, words: Sequence[str], help_text: str) ->
     for word in words:
         option = word.partition("=")[0].replace("_", "-")
         if option.startswith("--") and option not in known:
-            hint = did_you_mean(option, known, f"sprintlab {command} --help lists all", most=1)
-            raise SprintlabError(f"{command} has no option {printable(option)}: {hint}")
+            hint = did_you_mean(option, known, f"{command} --help lists all", most=1)
+            name = command.removeprefix("sprintlab ")
+            raise SprintlabError(f"{name} has no option {printable(option)}: {hint}")
 
 
 def completion(arguments: Sequence[str]) -> None:
