@@ -112,7 +112,7 @@ REFUSED = (
     (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage 24 --hip-motor ak80", "ROBOT:JOINT such as bp2:hip"),
     (f"robot new motor.toml {MOTORS} {GEARS} --bus-voltage 24", "cannot be used"),
     ("robot new go1.xml --choices none.toml", "cannot read choices none.toml"),
-    ("replay no-run --output loop", "cannot write"),
+    ("replay no-run", "no-run does not exist"),
     ("report none.mcap --output lost", "lost exists already"),
     ("run sprint shm://not-here", "no robot named 'not-here'"),
     ("run sprint http://bp2", "choose one of shm, unitree"),

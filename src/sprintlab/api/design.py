@@ -150,9 +150,8 @@ def train_designs(
     Raises:
         SprintlabError: a training failed.
     """
-    from sprintlab.training.runs.sweep import visible_gpus
+    from sprintlab.training.runs.sweep import training_devices
 
-    devices = [f"cuda:{number}" for number in visible_gpus()] or ["cpu"] if device == "auto" else [device]
     jobs = [
         Job(
             words=(
@@ -165,7 +164,7 @@ def train_designs(
         for folder in folders
         for model, method in METHODS.items()
     ]
-    if (done := run_jobs(jobs, devices, math.inf, progress)) < len(jobs):
+    if (done := run_jobs(jobs, training_devices(device), math.inf, progress)) < len(jobs):
         raise SprintlabError(
             f"{len(jobs) - done} of {len(jobs)} trainings failed; start again to repeat them"
         )
