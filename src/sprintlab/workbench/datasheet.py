@@ -50,7 +50,6 @@ _CURRENT_READINGS = ("line amplitude", "line rms", "dc")
 _READINGS = {
     "kv": _VOLTAGE_READINGS, "back_emf_constant": _VOLTAGE_READINGS, "torque_constant": _CURRENT_READINGS,
 }  # conventions that a hint tries; those that equal one of these are left out  # fmt: skip
-_THERMAL_PARTS = ("thermal_resistance", "time_constant")
 _DELTA = math.sqrt(3.0)
 _ROUNDING = 5e-3  # a negative saturation of this size is not worth a word
 _FLUX_LAWS: dict[str, tuple[Callable[[float, float, int], float], str, str]] = {
@@ -68,16 +67,11 @@ _FLUX_LAWS: dict[str, tuple[Callable[[float, float, int], float], str, str]] = {
 class ConversionStep:
     """One line of the calculation."""
 
-    quantity: str
-    """What is computed, with the entry it comes from."""
-    formula: str
-    """In symbols."""
-    numbers: str
-    """The same with the sheet's numbers."""
-    value: float
-    """The result, SI."""
+    quantity: str  # that is computed, with the entry it comes from
+    formula: str  # in symbols
+    numbers: str  # the same with the sheet's numbers
+    value: float  # the result, SI
     unit: str
-    """Its unit."""
 
     def __str__(self) -> str:
         """``quantity: formula = numbers = value unit``; the value is not said twice."""
@@ -229,7 +223,7 @@ class _Conversion:
 
     def _ambiguity(self, entry: Entry) -> str:
         readings = [f"'{word}'{self._reading(entry, word)}" for word in entry.ambiguous]
-        key = next(iter(ENTRIES[entry.name].conventions))
+        key = ENTRIES[entry.name].key
         return f"{entry.name} = '{entry.text}' does not say which: {key} = {', '.join(readings)}"
 
     def _reading(self, entry: Entry, word: str) -> str:
@@ -254,30 +248,18 @@ class _Conversion:
         entry = self._needed(name, "between two lines or of one phase")
         factor = impedance_factor(entry.convention, self._sheet.connection)
         divided = f" / {round(1.0 / factor)}" if factor < 1.0 else ""
-        quantity, formula = (
-            f"{symbol} from {name} ({entry.convention})",
-            f"{symbol}_{entry.convention}{divided}",
+        formula, numbers = f"{symbol}_{entry.convention}{divided}", f"{entry.value:.5g}{divided}"
+        return self._step(
+            f"{symbol} from {name} ({entry.convention})", formula, numbers, factor * entry.value, unit
         )
-        return self._step(quantity, formula, f"{entry.value:.5g}{divided}", factor * entry.value, unit)
 
     def _q_axis_inductance(self) -> float:
         direct = self._entries.get("q_axis_inductance")
-        if direct is None:
-            self._needed(
-                "inductance", "without it the d-axis voltage is unknown; 0 H leaves it out on purpose"
-            )
-            inductance = self._impedance("L", "inductance", "H")
-            self._notes.append("L stands for both axes: a salient rotor needs q_axis_inductance")
-            return inductance
-        self._step("L from q_axis_inductance", "L_q", f"{direct.value:.5g}", direct.value, "H")
-        if "inductance" in self._entries:
-            other = self._impedance("L", "inductance", "H")
-            if not self._agree(other, direct.value):
-                self._notes.append(
-                    f"inductance gives {other:.4g} H a phase, q_axis_inductance {direct.value:.4g} H: "
-                    "the latter is used"
-                )
-        return direct.value
+        if direct is not None:
+            return self._step("L from q_axis_inductance", "L_q", f"{direct.value:.5g}", direct.value, "H")
+        self._needed("inductance", "without it the d-axis voltage is unknown; 0 H leaves it out on purpose")
+        self._notes.append("L stands for both axes: a salient rotor needs q_axis_inductance")
+        return self._impedance("L", "inductance", "H")
 
     def _flux(self) -> float:
         """The flux linkage from every entry that gives it; they must agree."""
@@ -385,23 +367,14 @@ class _Conversion:
 
     def _peak_contradiction(self, delivered: float, before: float, implied: float) -> None:
         entry, ratio = self._entries["peak_current"], self._sheet.gear_ratio
-        given = current_factor(entry.convention, self._sheet.connection)
-        readings: list[str] = []
-        for word in _CURRENT_READINGS:
-            alpha = 1.0 - delivered / (before * current_factor(word, "") / given)
-            if word != entry.convention and -self._tolerance <= alpha < 0.35:
-                readings.append(f"'{word}' (saturation {max(alpha, 0.0):.2f})")
-        hint = f"; possible if peak_current is {' or '.join(readings)}" if readings else ""
+        hint = "check its convention; the current at the supply is another one"
         if ratio and _agree(delivered / before, ratio, _GEAR_TOLERANCE):
-            said = f"the two differ by the gear's ratio of {ratio:g}"
-            hint += f"; {said}: write at = 'output' beside peak_torque"
-        elif implied < 0.0 or not readings:
-            hint += "; is peak_current the current at the supply? The phase current is needed"
+            hint = f"the two differ by the gear's ratio of {ratio:g}: write at = 'output' beside peak_torque"
         raise InvalidValueError(
             "datasheet.peak_torque",
             self._entries["peak_torque"].text,
             f"contradicts peak_current = '{entry.text}', {entry.convention}: the torque constant gives "
-            f"{before:.4g} N m, so that the saturation would be {implied:.2f}{hint}",
+            f"{before:.4g} N m, so that the saturation would be {implied:.2f}; {hint}",
         )
 
     def _stated_saturation(self) -> float | None:
@@ -453,21 +426,20 @@ class _Conversion:
 
     def _heat(self) -> HousedHeat | None:
         """Both thermal nodes; a time constant is a node's heat capacity times its resistance outward."""
-        names = [f"{node}_{part}" for node in ("winding", "housing") for part in _THERMAL_PARTS]
-        if not all(name in self._entries for name in names):
+        known, found = self._entries, dict[str, float]()
+        if not {"winding_thermal_resistance", "winding_time_constant", "housing_time_constant"} <= {*known}:
             return None
-        inner, winding_time, outer, housing_time = (self._entries[name].value for name in names)
-        capacities = [
-            self._step(
-                f"heat capacity, {node}", "T / R_th", f"{time:g} / {resistance:g}", time / resistance, "J/K"
+        for node, prefix in (("winding", ""), ("housing", "housing_")):
+            if f"{node}_thermal_resistance" not in known:
+                return None
+            resistance = found[f"{prefix}thermal_resistance"] = known[f"{node}_thermal_resistance"].value
+            time = known[f"{node}_time_constant"].value
+            numbers, capacity = f"{time:g} / {resistance:g}", time / resistance
+            found[f"{prefix}heat_capacity"] = self._step(
+                f"heat capacity, {node}", "T / R_th", numbers, capacity, "J/K"
             )
-            for node, time, resistance in (("winding", winding_time, inner), ("housing", housing_time, outer))
-        ]
         return HousedHeat(
-            heat_capacity=capacities[0],
-            thermal_resistance=inner,
-            housing_heat_capacity=capacities[1],
-            housing_thermal_resistance=outer,
+            **found,
         )
 
     def _check_rated(self, constant: float) -> None:

@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.reading import read_toml
@@ -38,23 +38,13 @@ _THERMAL = {"K/W": 1.0, "degC/W": 1.0, "C/W": 1.0}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
-@dataclass(frozen=True, kw_only=True)
-class EntryKind:
-    """What one entry of a sheet may say.
+class EntryKind(NamedTuple):
+    """What one entry of a sheet may say."""
 
-    Attributes:
-        units: SI factor by unit; other spellings of a unit are understood, see ``parse_quantity``.
-        conventions: allowed words by the key that carries them; every key is needed.
-        sided: whether the entry may be measured at the gear's output (``at``).
-    """
-
-    units: Mapping[str, float]
-    conventions: Mapping[str, tuple[str, ...]]
-    sided: bool = False
-
-
-def _kind(units: Mapping[str, float], sided: bool = False, **conventions: tuple[str, ...]) -> EntryKind:
-    return EntryKind(units=units, conventions=conventions, sided=sided)
+    units: Mapping[str, float]  # SI factor by unit; ``parse_quantity`` understands other spellings
+    key: str = ""  # that says what was measured; it must be given
+    words: tuple[str, ...] = ()  # which it may hold
+    sided: bool = False  # may be measured at the gear's output (``at``)
 
 
 _BACK_EMF = {
@@ -62,25 +52,27 @@ _BACK_EMF = {
 }  # fmt: skip
 _PER_AMPERE = {"N m/A": 1.0, "mN m/A": 1e-3, "oz in/A": _OUNCE_INCH}
 ENTRIES: dict[str, EntryKind] = {
-    "resistance": _kind(_OHM, between=BETWEEN),
-    "inductance": _kind(_HENRY, between=BETWEEN),
-    "q_axis_inductance": _kind(_HENRY),
-    "flux_linkage": _kind({"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}),
-    "back_emf_constant": _kind(_BACK_EMF, sided=True, voltage=VOLTAGES),
-    "kv": _kind({"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, sided=True, voltage=(*VOLTAGES, "dc")),
-    "torque_constant": _kind(_PER_AMPERE, sided=True, current=CURRENTS),
-    "rated_current": _kind(_AMPERE, current=CURRENTS),
-    "peak_current": _kind(_AMPERE, current=CURRENTS),
-    "rated_torque": _kind(_TORQUE, sided=True),
-    "peak_torque": _kind(_TORQUE, sided=True),
-    "peak_duration": _kind(_SECOND),
-    "winding_time_constant": _kind(_SECOND),
-    "housing_time_constant": _kind(_SECOND),
-    "winding_thermal_resistance": _kind(_THERMAL),
-    "housing_thermal_resistance": _kind(_THERMAL),
-    "no_load_speed": _kind(_SPEED, sided=True),
-    "no_load_voltage": _kind({"V": 1.0}),
-    "rotor_inertia": _kind(_INERTIA),
+    "resistance": EntryKind(_OHM, "between", BETWEEN),
+    "inductance": EntryKind(_HENRY, "between", BETWEEN),
+    "q_axis_inductance": EntryKind(_HENRY),
+    "flux_linkage": EntryKind({"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}),
+    "back_emf_constant": EntryKind(_BACK_EMF, "voltage", VOLTAGES, sided=True),
+    "kv": EntryKind(
+        {"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, "voltage", (*VOLTAGES, "dc"), sided=True
+    ),
+    "torque_constant": EntryKind(_PER_AMPERE, "current", CURRENTS, sided=True),
+    "rated_current": EntryKind(_AMPERE, "current", CURRENTS),
+    "peak_current": EntryKind(_AMPERE, "current", CURRENTS),
+    "rated_torque": EntryKind(_TORQUE, sided=True),
+    "peak_torque": EntryKind(_TORQUE, sided=True),
+    "peak_duration": EntryKind(_SECOND),
+    "winding_time_constant": EntryKind(_SECOND),
+    "housing_time_constant": EntryKind(_SECOND),
+    "winding_thermal_resistance": EntryKind(_THERMAL),
+    "housing_thermal_resistance": EntryKind(_THERMAL),
+    "no_load_speed": EntryKind(_SPEED, sided=True),
+    "no_load_voltage": EntryKind({"V": 1.0}),
+    "rotor_inertia": EntryKind(_INERTIA),
 }
 """Entries with a unit, by name."""
 
@@ -89,57 +81,44 @@ _LONGEST_TEXT = 100  # characters of an entry
 _NUMBER = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One entry, unit taken off.
+class Entry(NamedTuple):
+    """One entry, unit taken off."""
 
-    Attributes:
-        name: a key of ``ENTRIES``.
-        text: as written.
-        value: SI.
-        convention: the word that says what was measured; empty where none is needed.
-        ambiguous: the words to choose from where the sheet gives none.
-        at_output: measured behind the gear.
-    """
-
-    name: str
-    text: str
-    value: float
-    convention: str = ""
-    ambiguous: tuple[str, ...] = ()
-    at_output: bool = False
+    name: str  # a key of ``ENTRIES``
+    text: str  # as written
+    value: float  # in SI
+    convention: str  # the word that says what was measured; empty where none is needed
+    ambiguous: tuple[str, ...]  # the words to choose from where the sheet gives none
+    at_output: bool  # measured behind the gear
 
 
 @dataclass(frozen=True, kw_only=True)
 class Datasheet:
-    """A data sheet as read.
-
-    Attributes:
-        name: name of the motor.
-        source: where its numbers come from.
-        connection: ``"star"``, ``"delta"`` or empty.
-        pole_pairs: N.
-        saturation: alpha if the sheet gives it.
-        gear_ratio: if the sheet gives numbers at a gear's output.
-        flux_from: the entry that decides the flux where entries contradict each other; empty for none.
-        entries: by name.
-    """
+    """A data sheet as read."""
 
     name: str
+    """Name of the motor."""
     source: str
+    """Where its numbers come from."""
     connection: str
+    """``"star"``, ``"delta"`` or empty."""
     pole_pairs: int
+    """N [-]."""
     saturation: float | None
+    """Alpha if the sheet gives it [-]."""
     gear_ratio: float | None
+    """If the sheet gives numbers at a gear's output [-]."""
     flux_from: str
+    """The entry that decides the flux where entries contradict each other; empty for none."""
     entries: Mapping[str, Entry]
+    """By name."""
 
 
 def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
     """Read a data sheet.
 
     Raises:
-        SprintlabError: the file cannot be read or is no TOML.
+        SprintlabError: the file cannot be read or is not TOML.
         InvalidValueError: an entry is unknown, has no unit, or says something that is not allowed; the
             message names the file and the entry.
     """
@@ -154,17 +133,15 @@ def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
 
 def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
     """A sheet from its table; raises ``InvalidValueError`` as ``load_datasheet`` does."""
+    known = (*_PLAIN, *ENTRIES)
     for key, value in table.items():
-        if key not in (*_PLAIN, *ENTRIES):
-            raise InvalidValueError(
-                key, value, "unknown entry; choose among " + ", ".join([*_PLAIN, *ENTRIES])
-            )
-    connection = table.get("connection", "")
-    if connection and connection not in CONNECTIONS:
+        if key not in known:
+            raise InvalidValueError(key, value, "unknown entry; choose among " + ", ".join(known))
+    connection, flux_from = str(table.get("connection", "")), str(table.get("flux_from", ""))
+    if connection not in ("", *CONNECTIONS):
         raise InvalidValueError("connection", connection, "choose star or delta")
-    flux_from = str(table.get("flux_from", ""))
     entries = {key: _entry(key, value) for key, value in table.items() if key in ENTRIES}
-    if flux_from and flux_from not in entries:
+    if flux_from not in ("", *entries):
         raise InvalidValueError("flux_from", flux_from, "must name an entry of the sheet")
     return Datasheet(
         name=str(table.get("name", "")),
@@ -212,11 +189,10 @@ def datasheet_template() -> str:
 
 
 def _template_line(name: str, kind: EntryKind) -> str:
-    value = f'"0 {next(iter(kind.units))}"'
-    remark = ", ".join(kind.units)
-    for key, words in kind.conventions.items():
-        remark += f"; {key}: {', '.join(words)}"
-        value = f'{{ value = {value}, {key} = "?" }}'
+    value, remark = f'"0 {next(iter(kind.units))}"', ", ".join(kind.units)
+    if kind.key:
+        remark += f"; {kind.key}: {', '.join(kind.words)}"
+        value = f'{{ value = {value}, {kind.key} = "?" }}'
     if kind.sided:
         remark += '; at = "output" behind a gear'
     return f"{name} = {value}  # {remark}"
@@ -233,7 +209,7 @@ def _entry(name: str, written: Any) -> Entry:
     """One entry from a text, or from a table with ``value``, its convention and its side of the gear."""
     kind = ENTRIES[name]
     table: Mapping[str, Any] = cast("Any", written) if isinstance(written, dict) else {"value": written}
-    words = dict(kind.conventions) | ({"at": SIDES} if kind.sided else {})
+    words = ({kind.key: kind.words} if kind.key else {}) | ({"at": SIDES} if kind.sided else {})
     for key, value in table.items():
         if key not in ("value", *words):
             known = ", ".join(sorted(("value", *words)))
@@ -243,15 +219,9 @@ def _entry(name: str, written: Any) -> Entry:
     value = parse_quantity(name, table.get("value"))
     if value < 0 or (value == 0 and kind.units is not _HENRY):
         raise InvalidValueError(name, table["value"], "must be greater than 0")
-    convention = next((str(table[key]) for key in kind.conventions if key in table), "")
-    return Entry(
-        name=name,
-        text=str(table["value"]),
-        value=value,
-        convention=convention,
-        ambiguous=() if convention else next(iter(kind.conventions.values()), ()),
-        at_output=table.get("at") == "output",
-    )
+    convention = str(table.get(kind.key, ""))
+    ambiguous = () if convention else kind.words
+    return Entry(name, str(table["value"]), value, convention, ambiguous, table.get("at") == "output")
 
 
 def _pole_pairs(table: Mapping[str, Any]) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import finite_number, read_text
+from sprintlab.core.reading import read_text, table_number
 
 _AMPERE = {"A": 1.0, "mA": 1e-3}
 _VOLT = {"V": 1.0, "mV": 1e-3}
@@ -53,7 +53,6 @@ _RANGES = {
 }
 _OTHER_RANGE = (-1e6, 1e6)
 _BENCH_LIMIT = 32 << 20  # bytes
-_MOST_ROWS, _LONGEST_LINE = 100_000, 4000
 _MOST_TITLES = 10  # lines above a header
 
 Cells = tuple[int, list[str]]
@@ -62,41 +61,38 @@ Cells = tuple[int, list[str]]
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Steady operating points in SI, every array ``(n,)``.
-
-    Attributes:
-        current: i_q, amplitude [A].
-        torque: shaft torque [N m].
-        speed: mechanical speed [rad/s]; ``None`` in a torque-current table.
-        d_current: i_d [A]; zero where the bench has no such column.
-        q_voltage: v_q [V] or ``None``.
-        d_voltage: v_d [V] or ``None``.
-        power: electrical, into the three phases [W], or ``None``.
-        bus_voltage: DC bus [V] or ``None``.
-        temperature: temperature of the winding [degC] or ``None``.
-        limited: the inverter gives all its voltage, bool.
-        time: time in a log [s] or ``None``: rows that follow each other closely (``transients``).
-        acceleration: acceleration of the shaft [rad/s^2] or ``None``, of a log's windows.
-        lines: line of each row in its file, to name it.
-        unused: columns that were not understood and not read.
-        remarks: what was done to the rows before a fit, which a reader must know.
-    """
+    """Steady operating points in SI, every array ``(n,)``; ``None`` for a column that is not there."""
 
     current: FloatArray
+    """i_q, amplitude [A]."""
     torque: FloatArray
+    """On the shaft [N m]."""
     speed: FloatArray | None = None
+    """Mechanical [rad/s]; ``None`` in a torque-current table."""
     d_current: FloatArray
+    """i_d [A]; zero where the bench has no such column."""
     q_voltage: FloatArray | None = None
+    """v_q [V]."""
     d_voltage: FloatArray | None = None
+    """v_d [V]."""
     power: FloatArray | None = None
+    """Electrical, into the three phases [W]."""
     bus_voltage: FloatArray | None = None
+    """DC bus [V]."""
     temperature: FloatArray | None = None
+    """Temperature of the winding [degC]."""
     limited: NDArray[np.bool_]
+    """Whether the inverter gives all its voltage."""
     time: FloatArray | None = None
+    """Time in a log [s]: rows that follow each other closely (``transients``)."""
     acceleration: FloatArray | None = None
+    """Acceleration of the shaft in a log's windows [rad/s^2]."""
     lines: NDArray[np.int64]
+    """Line of each row in its file, to name it."""
     unused: tuple[str, ...] = ()
+    """Columns that were not understood and not read."""
     remarks: tuple[str, ...] = ()
+    """What was done to the rows before a fit, which a reader must know."""
 
     @property
     def size(self) -> int:
@@ -161,12 +157,12 @@ def _read_cells(path: Path) -> list[Cells]:
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
         raise SprintlabError(f"{path} is empty")
-    if len(kept) > _MOST_ROWS or max(len(line) for _, line in kept) > _LONGEST_LINE:
-        most = f"{_MOST_ROWS} lines, or one of more than {_LONGEST_LINE} characters"
-        raise SprintlabError(f"{path} is no bench file: it has more than {most}")
     titles = [line for _, line in kept[:_MOST_TITLES]]
     separator = next((mark for mark in ";\t" if sum(mark in line for line in titles) * 2 > len(titles)), ",")
-    cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
+    try:
+        cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
+    except csv.Error as error:
+        raise SprintlabError(f"{path} is no bench file: {error}") from error
     if separator == ",":
         return cells
     body = "".join(line for _, line in kept[1:])
@@ -248,12 +244,10 @@ def _numbers(path: object, rows: Sequence[Cells], index: int, header: Sequence[s
                 f"{path} line {line} has {len(cells)} cells, the header {len(header)}: with decimal commas, "
                 "part the cells with semicolons"
             )
-        written = cells[index] if index < len(cells) else "nothing"
         try:
-            numbers[position] = finite_number(written)
-        except ValueError:
-            name = header[index].strip()
-            raise SprintlabError(f"{path} line {line}: {name} is {written!r}, not a finite number") from None
+            numbers[position] = table_number("".join(cells[index : index + 1]), header[index].strip(), line)
+        except ValueError as error:
+            raise SprintlabError(f"{path} {error}") from None
     return numbers
 
 

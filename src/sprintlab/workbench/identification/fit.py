@@ -44,9 +44,9 @@ from sprintlab.workbench.identification.model import (
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
 from sprintlab.workbench.identification.statistics import (
     Decomposition,
+    fault_of_bench,
     freedom,
     half_widths,
-    lacking_term,
     local_median,
 )
 from sprintlab.workbench.identification.verdict import (
@@ -64,7 +64,6 @@ OUTLIER_DISTANCE = 5.0
 _ROUNDS = 4
 _MOST_ROWS = 40_000  # that are fitted: more takes longer than 10 s, and tells no more
 _MOST_STEPS = 100  # of one round; fits that converge take some twenty
-_MOST_WORK = 2_400_000  # rows times steps of all rounds: some 8 s of one core with every parameter free
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
@@ -180,7 +179,6 @@ class _Fit:
         self._sizes = self._largest()
         guess = self._guess()
         self._start = np.array([guess[name] for name in self._free])
-        self._steps_left = _MOST_WORK // bench.size
         self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
 
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
@@ -191,13 +189,9 @@ class _Fit:
         fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
         estimates = self._estimates(solution.x, widths, decomposition)
         fatal, aside = problems(estimates, fits, kept), int(np.sum(~kept))
-        notes = [*comparison(estimates, base), *magnets(estimates), *self._at_bounds(solution.x)]
+        notes = [*comparison(estimates, base), *magnets(estimates)]
         notes += [f"{aside} of {len(kept)} rows are outliers and were set aside"] if aside else []
-        begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
-        lacking = [
-            lacking_term(self._bench, channel, kept, decomposition, solution.fun, begin)
-            for channel, begin in zip(self._channels, begins, strict=False)
-        ]
+        fault = fault_of_bench(self._bench, self._channels[0], kept, decomposition, solution.fun)
         return Identification(
             bench=self._bench,
             pole_pairs=self._pole_pairs,
@@ -206,7 +200,7 @@ class _Fit:
             channels=fits,
             outliers=self._bench.lines[~kept],
             singular_values=decomposition.singular,
-            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept, lacking)),
+            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept, fault)),
             trustworthy=not fatal,
         )
 
@@ -273,7 +267,7 @@ class _Fit:
         low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
         inside = np.clip(point, low + 1e-9, high - 1e-9)
         try:
-            solution = untyped.least_squares(
+            return untyped.least_squares(
                 self._residuals,
                 inside,
                 bounds=(low, high),
@@ -281,18 +275,10 @@ class _Fit:
                 args=(noise, kept),
                 jac="3-point",
                 x_scale="jac",
-                max_nfev=max(1, min(_MOST_STEPS, self._steps_left)),
+                max_nfev=_MOST_STEPS,
             )
         except ValueError as error:  # what it begins with is not finite
             raise SprintlabError(f"the motor cannot be fitted: {error}") from error
-        if not np.isfinite(solution.x).all():
-            raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
-        self._steps_left -= solution.nfev
-        if self._steps_left < 1:
-            raise SprintlabError(
-                f"the fit of {self._bench.size} rows does not settle: leave out some of them"
-            )
-        return solution
 
     def _noise(self, point: FloatArray) -> FloatArray:
         """Median absolute residual of each channel as a standard deviation."""
@@ -388,15 +374,6 @@ class _Fit:
         }
         return _SMALL_EFFECT * effects.get(name, 0.0)
 
-    def _at_bounds(self, point: FloatArray) -> list[str]:
-        values = self._values(point)
-        return [
-            f"{name} ended at {values[name]:.3g}, the edge of what is possible: the model does not fit there"
-            for name in self._free
-            if name not in ("voltage_utilization", "flux_drift", "gear_efficiency")
-            and _at_edge(name, values[name], self._start[self._free.index(name)])
-        ]
-
     def _channel_fit(self, channel: Channel, point: FloatArray, kept: BoolArray) -> ChannelFit:
         values = self._values(point)
         predicted = channel.predict(values)
@@ -425,9 +402,3 @@ def _range(channel: Channel, bench: Bench) -> float:
     if largest == 0.0 and bench.bus_voltage is not None:
         largest = _largest(bench.bus_voltage)
     return max(largest, 1e-9)
-
-
-def _at_edge(name: str, value: float, scale: float) -> bool:
-    low, high = BOUNDS[name]
-    lower_is_news = name in ("stator_resistance", "flux_linkage")
-    return value > high - 1e-6 * (high - low) or (lower_is_news and value < low + 1e-6 * scale)

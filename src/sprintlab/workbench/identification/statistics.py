@@ -114,35 +114,34 @@ def local_median(size: FloatArray, error: FloatArray) -> FloatArray:
     return local
 
 
-def lacking_term(
+def fault_of_bench(
     bench: Bench,
-    channel: Channel,
+    torque: Channel,
     kept: NDArray[np.bool_],
     decomposition: Decomposition,
     residuals: FloatArray,
-    begin: int,
 ) -> str:
-    """What the residuals of one channel still follow once the parameters have done what they can.
+    """``LOAD_LOSS`` or ``ZERO``, if the residuals of the torque still follow it after the fit.
 
-    A score test of smooth terms in speed and current, each residual with its own variance.
+    A score test of one term for each, in which every residual has its own variance.
 
     Args:
         bench: the data.
-        channel: whose residuals are looked at.
-        kept: (n,) rows of the bench that are no outliers.
+        torque: the first channel.
+        kept: rows of the bench that are no outliers ``(n,)``.
         decomposition: decomposition of the weighted Jacobian ``(m, p)``.
         residuals: in units of their channel's noise ``(m,)``.
-        begin: where the channel's residuals begin.
-
-    Returns:
-        ``"speed"``, ``"current"``, ``"speed and current together"``; of the torque also ``LOAD_LOSS`` and
-        ``ZERO``; or nothing.
     """
-    row = channel.rows[kept[channel.rows]]
+    row = torque.rows[kept[torque.rows]]
+    way, size = directions(bench)[row], np.abs(bench.current[row])
+    drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
+    terms = {ZERO: np.ones(len(row))}
+    if (drives > 0.0).any() and (drives < 0.0).any():
+        terms = {LOAD_LOSS: size * way, **terms}
     strongest, found = LACKING, ""
-    for name, term in _terms(bench, row, channel.name == "torque"):
+    for name, term in terms.items():
         column = np.zeros(len(residuals))
-        column[begin : begin + len(row)] = term
+        column[: len(row)] = term
         left = column - decomposition.basis @ (decomposition.basis.T @ column)
         spread = float(np.linalg.norm(left * residuals))
         if spread == 0.0 or np.linalg.norm(left) < _IMITATED * np.linalg.norm(column):
@@ -151,34 +150,6 @@ def lacking_term(
         if strength > strongest:
             strongest, found = strength, name
     return found
-
-
-def _terms(bench: Bench, row: NDArray[np.int64], of_torque: bool) -> list[tuple[str, FloatArray]]:
-    """What residuals may follow: smooth terms, and in the torque faults of benches, not of motors.
-
-    Those are a gear that loses with the load, and sensors with a wrong zero.
-    """
-
-    def scaled(values: FloatArray) -> FloatArray:
-        return values[row] / max(float(np.max(np.abs(values))), 1e-300)
-
-    def shapes(values: FloatArray) -> tuple[FloatArray, ...]:
-        return values * np.abs(values), values**2, values**3
-
-    current = scaled(bench.current)
-    terms = [("current", term) for term in shapes(current)]
-    if bench.speed is not None:
-        speed = scaled(bench.speed)
-        terms += [("speed", term) for term in shapes(speed)]
-        products = (speed * np.abs(current), speed * current * np.abs(current), np.abs(speed) * current)
-        terms += [("speed and current together", term) for term in products]
-    if of_torque:
-        way, size = directions(bench)[row], np.abs(bench.current[row])
-        drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
-        if (drives > 0.0).any() and (drives < 0.0).any():
-            terms.append((LOAD_LOSS, size * way))
-        terms.append((ZERO, np.ones(len(row))))
-    return terms
 
 
 def _ranges(rows: Sequence[int]) -> list[tuple[int, int]]:

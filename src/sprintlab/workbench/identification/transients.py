@@ -9,7 +9,7 @@ its first half to its second. The slope of the speed is kept as acceleration, fo
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,6 @@ CHANGE = 0.05
 _FEWEST_ROWS = 4  # of a window: two a half
 _SEVERAL = 2.0  # rows a window from which a file is a log; steady points are seconds apart
 _LARGEST_SHARE = 0.99  # quantile that counts as the largest, so that a spike does not widen the tolerance
-_COLUMNS = (
-    "current", "torque", "speed", "d_current", "q_voltage", "d_voltage", "power", "bus_voltage",
-    "temperature", "time",
-)  # fmt: skip
 
 
 def is_log(bench: Bench, window: float = WINDOW) -> bool:
@@ -44,12 +40,9 @@ def is_log(bench: Bench, window: float = WINDOW) -> bool:
 
 
 def rested(bench: Bench, window: float = WINDOW, speed_may_change: bool = False) -> Bench:
-    """The steady windows of a log as a bench, one row a window; a remark says what was left out.
+    """The steady windows of a log as a bench, one row a window [s]; a remark says what was left out.
 
-    Args:
-        bench: a log with times, as ``load_bench`` reads it.
-        window: length [s]; about a tenth of the time that a step of the bench lasts.
-        speed_may_change: count windows while the speed changes: the rotor's inertia is fitted.
+    ``speed_may_change`` counts windows while the speed changes, too: the rotor's inertia is fitted.
 
     Raises:
         SprintlabError: no times, times that run backwards, or no window in which the log rests.
@@ -105,10 +98,10 @@ def _means(bench: Bench, starts: NDArray[Any], counts: NDArray[Any]) -> Bench:
         total = np.concatenate(([0.0], np.cumsum(values)))
         return (total[starts + counts] - total[starts]) / counts
 
-    given = {name: getattr(bench, name) for name in _COLUMNS}
-    averaged = {name: mean(values) for name, values in given.items() if values is not None}
+    given = {item.name: getattr(bench, item.name) for item in fields(bench)}
+    averaged = {name: mean(row) for name, row in given.items() if isinstance(row, np.ndarray)}
     if bench.speed is not None and bench.time is not None:
         time = bench.time - bench.time[0]
         together = mean(time * bench.speed) - mean(time) * mean(bench.speed)
         averaged["acceleration"] = together / np.maximum(mean(time**2) - mean(time) ** 2, 1e-12)
-    return replace(bench, **averaged, limited=bench.limited[starts], lines=bench.lines[starts])
+    return replace(bench, **averaged | {"limited": bench.limited[starts], "lines": bench.lines[starts]})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import BOUNDS, directions, turns
 from sprintlab.workbench.identification.results import ChannelFit, Estimate
-from sprintlab.workbench.identification.statistics import LARGE, LOAD_LOSS, ZERO
+from sprintlab.workbench.identification.statistics import LARGE, LOAD_LOSS
 
 _MANY_OUTLIERS = 0.2
 _NEAR_BASE = {"stator_resistance": (0.6, 1.6), "q_axis_inductance": (0.6, 1.6), "flux_linkage": (0.9, 1.1)}
@@ -70,9 +69,7 @@ def magnets(estimates: dict[str, Estimate]) -> list[str]:
     ]
 
 
-def patterns(
-    bench: Bench, fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_], lacking: Sequence[str]
-) -> list[str]:
+def patterns(bench: Bench, fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_], fault: str) -> list[str]:
     """Where residuals follow current or speed instead of scattering: the model lacks something there.
 
     Rows at about the same current (or speed) make a group; the mean residuals of the groups must be equal
@@ -83,20 +80,19 @@ def patterns(
         bench: the data.
         fits: fits of the channels.
         kept: rows of the bench that are no outliers ``(n,)``.
-        lacking: what each channel's residuals follow by ``lacking_term``.
+        fault: what the torque's residuals follow by ``fault_of_bench``.
     """
     notes: list[str] = []
-    for fit, term in zip(fits, lacking, strict=True):
+    for fit in fits:
         if fit.noise <= _SMALL_ERROR * float(np.max(np.abs(fit.measured))):
             continue
-        if term in (LOAD_LOSS, ZERO):
-            notes.append(_load_loss(bench, kept) if term == LOAD_LOSS else _wrong_zero(bench))
+        if fit.name == "torque" and fault:
+            notes.append(_load_loss(bench, kept) if fault == LOAD_LOSS else _wrong_zero(bench))
             continue
-        followed = dict.fromkeys([*_followed(bench, fit, kept), *([term] if term else [])])
         notes += [
             f"the residuals of {fit.name} follow the {name}: the model lacks something there, which the "
             "intervals do not count"
-            for name in followed
+            for name in _followed(bench, fit, kept)
         ]
     return notes
 
