@@ -44,13 +44,10 @@ class InvalidValueError(SprintlabError, ValueError):
 
 
 class UnwrittenError(SprintlabError):
-    """A file or a folder cannot be written.
+    """A file or a folder cannot be written."""
 
-    Attributes:
-        found: the result that was to be written, complete and still usable; ``None`` if the error came before
-            there was one.
-    """
-
+    # the result that was to be written, complete and still usable; ``None`` if the error came before there
+    # was one
     found: object = None
 
 

@@ -27,13 +27,7 @@ from sprintlab.core.files import atomic_write_bytes, check_figure_path
 
 @dataclass(frozen=True, kw_only=True)
 class Theme:
-    """Colours of one look; ``name`` is ``"light"`` or ``"dark"``.
-
-    Attributes:
-        legs: one colour a leg, order FL, FR, RL, RR.
-        on_limit: torque samples that sit on the envelope.
-        inside: torque samples inside it.
-    """
+    """Colours of one look; ``name`` is ``"light"`` or ``"dark"``."""
 
     name: str
     background: str
@@ -43,11 +37,11 @@ class Theme:
     command: str
     speed: str
     second: str
-    on_limit: str
-    inside: str
+    on_limit: str  # torque samples that sit on the envelope
+    inside: str  # torque samples inside it
     envelope: str
     shade: str
-    legs: tuple[str, str, str, str]
+    legs: tuple[str, str, str, str]  # one colour a leg, order FL, FR, RL, RR
 
 
 LIGHT = Theme(

@@ -18,12 +18,9 @@ from sprintlab.motors.parameters import PmsmParameters
 class LibraryValue:
     """One number of an actuator."""
 
-    value: float
-    """In SI units."""
-    source: str
-    """Where it comes from, or what an estimate rests on."""
-    estimated: bool
-    """Not published: chosen here."""
+    value: float  # In SI units
+    source: str  # Where it comes from, or what an estimate rests on
+    estimated: bool  # Not published: chosen here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +31,7 @@ class LibraryMotor:
     title: str
     motor: PmsmParameters
     gear: Gear
-    bus_voltage: float
-    """[V]"""
+    bus_voltage: float  # [V]
     values: Mapping[str, LibraryValue]
     """Every number by its name, e.g. ``motor.flux_linkage``, ``gear.ratio``, ``bus_voltage``."""
 

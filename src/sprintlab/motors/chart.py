@@ -39,12 +39,9 @@ class JointDrive:
         InvalidValueError: the motor or gear holds several motors, or the bus voltage is not positive.
     """
 
-    motor: PmsmParameters
-    """One motor, plain numbers."""
-    gear: Gear
-    """Plain numbers; ratio 1 and efficiency 1 for a motor alone."""
-    bus_voltage: float
-    """DC bus [V]."""
+    motor: PmsmParameters  # One motor, plain numbers
+    gear: Gear  # Plain numbers; ratio 1 and efficiency 1 for a motor alone
+    bus_voltage: float  # DC bus [V]
 
     def __post_init__(self) -> None:
         """One motor a drive: the chart has one axis."""

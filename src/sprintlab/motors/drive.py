@@ -15,16 +15,12 @@ from sprintlab.motors.saturation import saturate
 class DriveOutput(NamedTuple):
     """What a drive gives; all in the broadcast shape of the inputs."""
 
-    torque: Array
-    """Torque on the joint [N m]."""
+    torque: Array  # Torque on the joint [N m]
     motor_torque: Array
     """Torque that the motor's current stands for [N m], motor side, after the clip, before saturation."""
-    lower: Array
-    """Least admissible ``motor_torque`` [N m]."""
-    upper: Array
-    """Greatest admissible ``motor_torque`` [N m]."""
-    direct_current: Array = 0.0
-    """i_d of flux weakening [A]; 0 in the other models."""
+    lower: Array  # Least admissible ``motor_torque`` [N m]
+    upper: Array  # Greatest admissible ``motor_torque`` [N m]
+    direct_current: Array = 0.0  # i_d of flux weakening [A]; 0 in the other models
 
 
 def drive_torque(

@@ -26,18 +26,13 @@ WAIST = "waist"
 class SoftStop:
     """Elastic end stop that acts only in the last ``zone`` before a joint's limits.
 
-    Attributes:
-        zone: width of the zone inside each limit [rad].
-        stiffness: torque per depth in the zone [N m/rad].
-        damping: torque per joint velocity while in the zone [N m s/rad].
-
     Raises:
         InvalidValueError: a field is negative or not finite, or ``zone`` or ``stiffness`` is zero.
     """
 
-    zone: float
-    stiffness: float
-    damping: float
+    zone: float  # width of the zone inside each limit [rad]
+    stiffness: float  # torque per depth in the zone [N m/rad]
+    damping: float  # torque per joint velocity while in the zone [N m s/rad]
 
     def __post_init__(self) -> None:
         check_positive("soft_stop.zone", self.zone, "rad")
@@ -49,20 +44,14 @@ class SoftStop:
 class KneeSpring:
     """Passive torsion spring in series between knee drive and shank.
 
-    Attributes:
-        stiffness: [N m/rad].
-        damping: [N m s/rad].
-        rest_angle: deflection without load [rad].
-        range: lowest and highest deflection [rad].
-
     Raises:
         InvalidValueError: a field is out of its physical range.
     """
 
-    stiffness: float
-    damping: float
-    rest_angle: float
-    range: Vector
+    stiffness: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    rest_angle: float  # deflection without load [rad]
+    range: Vector  # lowest and highest deflection [rad]
 
     def __post_init__(self) -> None:
         check_positive("knee_spring.stiffness", self.stiffness, "N m/rad")
@@ -74,20 +63,15 @@ class KneeSpring:
 class Link:
     """Mass properties of one rigid body, for a left leg; the right leg mirrors y.
 
-    Attributes:
-        mass: [kg].
-        center_of_mass: (x, y, z) in the body's frame [m].
-        inertia: moments about the centre of mass along x, y, z [kg m^2].
-        products_of_inertia: (I_xy, I_xz, I_yz), off the diagonal of the inertia matrix [kg m^2]; none where
-            x, y and z are principal axes.
-
     Raises:
         InvalidValueError: a mass or moment is not positive, or no body can have these moments.
     """
 
-    mass: float
-    center_of_mass: Vector = (0.0, 0.0, 0.0)
-    inertia: Vector
+    mass: float  # [kg]
+    center_of_mass: Vector = (0.0, 0.0, 0.0)  # (x, y, z) in the body's frame [m]
+    inertia: Vector  # moments about the centre of mass along x, y, z [kg m^2]
+    # (I_xy, I_xz, I_yz), off the diagonal of the inertia matrix [kg m^2]; none where x, y and z are principal
+    # axes
     products_of_inertia: Vector | None = None
 
     def __post_init__(self) -> None:
@@ -110,44 +94,28 @@ class Link:
 class Mechanics:
     """Masses and lengths from which the MuJoCo model is compiled (lengths in m).
 
-    Attributes:
-        trunk: mass properties of the trunk.
-        trunk_half_size: half lengths of the trunk's collision box (x, y, z).
-        hip_x: distance of an abduction axis from the trunk's middle along x.
-        hip_y: distance of an abduction axis from the trunk's middle along y.
-        abad: link between abduction joint and hip joint.
-        abad_offset: distance from the abduction axis to the leg's plane.
-        thigh: link between hip and knee.
-        thigh_length: hip axis to knee axis.
-        thigh_radius: radius of the thigh's collision capsule.
-        knee_carrier: light link between knee drive and series spring; None without a spring.
-        shank: link between spring and foot, without the foot.
-        shank_length: knee axis to the middle of the foot sphere.
-        shank_radius: radius of the shank's collision capsule.
-        foot_mass: mass of the foot sphere [kg].
-        knee_spring: series spring between knee carrier and shank; None where the knee drives the shank.
-        rear_trunk: rear half of a trunk with a waist, which ``trunk`` then is the front half of: both in the
-            trunk's axes, the waist's axis through the origin; None where the trunk is one body.
-
     Raises:
         InvalidValueError: a length or mass is not positive, or only one of carrier and spring is there.
     """
 
-    trunk: Link
-    trunk_half_size: Vector
-    hip_x: float
-    hip_y: float
-    abad: Link
-    abad_offset: float
-    thigh: Link
-    thigh_length: float
-    thigh_radius: float
-    knee_carrier: Link | None
-    shank: Link
-    shank_length: float
-    shank_radius: float
-    foot_mass: float
+    trunk: Link  # mass properties of the trunk
+    trunk_half_size: Vector  # half lengths of the trunk's collision box (x, y, z)
+    hip_x: float  # distance of an abduction axis from the trunk's middle along x
+    hip_y: float  # distance of an abduction axis from the trunk's middle along y
+    abad: Link  # link between abduction joint and hip joint
+    abad_offset: float  # distance from the abduction axis to the leg's plane
+    thigh: Link  # link between hip and knee
+    thigh_length: float  # hip axis to knee axis
+    thigh_radius: float  # radius of the thigh's collision capsule
+    knee_carrier: Link | None  # light link between knee drive and series spring; None without a spring
+    shank: Link  # link between spring and foot, without the foot
+    shank_length: float  # knee axis to the middle of the foot sphere
+    shank_radius: float  # radius of the shank's collision capsule
+    foot_mass: float  # mass of the foot sphere [kg]
+    # series spring between knee carrier and shank; None where the knee drives the shank
     knee_spring: KneeSpring | None
+    # rear half of a trunk with a waist, which ``trunk`` then is the front half of: both in the trunk's axes,
+    # the waist's axis through the origin; None where the trunk is one body
     rear_trunk: Link | None = None
 
     def __post_init__(self) -> None:
@@ -173,59 +141,34 @@ class Mechanics:
 class RobotDescription:
     """A quadruped: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist; SI units.
 
-    Attributes:
-        name: the robot's name.
-        leg_names: 4 legs.
-        joint_names: the ``J`` actuated joints, 12, or 13 with a waist.
-        spring_joint_names: 4 passive joints, or none.
-        default_pose: joint positions at zero action ``(J,)`` [rad].
-        action_scale: joint target per unit of action ``(J,)`` [rad].
-        stiffness: proportional gain of the joint controller ``(J,)`` [N m/rad].
-        damping: derivative gain of the joint controller ``(J,)`` [N m s/rad].
-        position_limits: lower and upper limit of each joint ``(J, 2)`` [rad].
-        viscous_friction: ``(J,)`` [N m s/rad].
-        dry_friction: ``(J,)`` [N m].
-        motors: motor parameters, motor side, each field ``(J,)``.
-        gear: gear ratio and efficiency, each ``(J,)``.
-        bus_voltage: [V].
-        soft_stop: end stops of the actuated joints.
-        base_height_target: trunk height to run at [m].
-        standing_height: trunk height at which the feet touch the ground in the default pose [m].
-        foot_radius: [m].
-        foot_friction: sliding friction coefficient of a foot on the ground.
-        total_mass: [kg].
-        mechanics: masses and lengths.
-        drag_area: drag coefficient times frontal area [m^2].
-        battery: the pack that stands behind the bus where one is asked for.
-
     Raises:
         InvalidValueError: an array has the wrong shape, a value is not finite or out of its physical range,
             or the default pose lies in or beyond the soft-stop zone.
     """
 
-    name: str
-    leg_names: tuple[str, ...]
-    joint_names: tuple[str, ...]
-    spring_joint_names: tuple[str, ...]
-    default_pose: FloatArray
-    action_scale: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
-    position_limits: FloatArray
-    viscous_friction: FloatArray
-    dry_friction: FloatArray
-    motors: PmsmParameters
-    gear: Gear
-    bus_voltage: float
-    soft_stop: SoftStop
-    base_height_target: float
-    standing_height: float
-    foot_radius: float
-    foot_friction: float
-    total_mass: float
-    mechanics: Mechanics
-    drag_area: float
-    battery: Battery
+    name: str  # the robot's name
+    leg_names: tuple[str, ...]  # 4 legs
+    joint_names: tuple[str, ...]  # the ``J`` actuated joints, 12, or 13 with a waist
+    spring_joint_names: tuple[str, ...]  # 4 passive joints, or none
+    default_pose: FloatArray  # joint positions at zero action ``(J,)`` [rad]
+    action_scale: FloatArray  # joint target per unit of action ``(J,)`` [rad]
+    stiffness: FloatArray  # proportional gain of the joint controller ``(J,)`` [N m/rad]
+    damping: FloatArray  # derivative gain of the joint controller ``(J,)`` [N m s/rad]
+    position_limits: FloatArray  # lower and upper limit of each joint ``(J, 2)`` [rad]
+    viscous_friction: FloatArray  # ``(J,)`` [N m s/rad]
+    dry_friction: FloatArray  # ``(J,)`` [N m]
+    motors: PmsmParameters  # motor parameters, motor side, each field ``(J,)``
+    gear: Gear  # gear ratio and efficiency, each ``(J,)``
+    bus_voltage: float  # [V]
+    soft_stop: SoftStop  # end stops of the actuated joints
+    base_height_target: float  # trunk height to run at [m]
+    standing_height: float  # trunk height at which the feet touch the ground in the default pose [m]
+    foot_radius: float  # [m]
+    foot_friction: float  # sliding friction coefficient of a foot on the ground
+    total_mass: float  # [kg]
+    mechanics: Mechanics  # masses and lengths
+    drag_area: float  # drag coefficient times frontal area [m^2]
+    battery: Battery  # the pack that stands behind the bus where one is asked for
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)

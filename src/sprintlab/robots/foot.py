@@ -41,15 +41,12 @@ _SAFETY = 1.1  # above the least added mass at which the time step is stable
 class FootContact:
     """A foot pad on the ground.
 
-    Attributes:
-        stiffness: [N/m], 5e3 to 1e6.
-        restitution: speed after over speed before a drop of the leg's effective mass, 0.15 to 0.95 [-].
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    stiffness: float = 80e3
+    stiffness: float = 80e3  # [N/m], 5e3 to 1e6
+    # speed after over speed before a drop of the leg's effective mass, 0.15 to 0.95 [-]
     restitution: float = 0.4
 
     def __post_init__(self) -> None:

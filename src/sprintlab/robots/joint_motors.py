@@ -31,14 +31,10 @@ _LEGS = {"lf": "FL", "rf": "FR", "lh": "RL", "rh": "RR", "hl": "RL", "hr": "RR"}
 class JointMotors:
     """Motors by the names of the joints that they drive; without names one motor drives every joint."""
 
-    names: tuple[str, ...] = ()
-    """One per motor, ``(n,)``; empty for a single motor."""
-    motor: PmsmParameters
-    """Motor side, SI; numbers, or arrays ``(n,)``."""
-    gear: Gear
-    """Likewise."""
-    bus_voltage: float
-    """[V]"""
+    names: tuple[str, ...] = ()  # One per motor, ``(n,)``; empty for a single motor
+    motor: PmsmParameters  # Motor side, SI; numbers, or arrays ``(n,)``
+    gear: Gear  # Likewise
+    bus_voltage: float  # [V]
 
     def ordered(self, names: Sequence[str]) -> JointMotors:
         """The motors of these joints, in this order.

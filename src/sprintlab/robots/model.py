@@ -46,34 +46,26 @@ if mujoco.get_mju_user_warning() is None:
 class ModelOptions:
     """How a robot's model is compiled.
 
-    Attributes:
-        timestep: physics step [s].
-        collisions: ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs
-            and trunk collide with the floor and with other legs).
-        foot: stiffness and restitution of the feet on the floor.
-        solver_feet: whether MuJoCo's solver makes the contact of feet and floor; the plant has pads instead.
-        contact_time_constant: time constant of all other contacts and of joint limits [s]; at least two time
-            steps, below which MuJoCo would silently soften it.
-        integrator: ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU).
-        dry_friction: whether joints have dry friction (MuJoCo ``frictionloss``).
-        joint_limits: whether joints and springs have hard limits.
-        visuals: whether the model carries what only cameras see.
-        knee_spring: whether the shank hangs on its series spring, if the robot has one; else it is fixed to
-            the knee carrier.
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    timestep: float = 0.001
+    timestep: float = 0.001  # physics step [s]
+    # ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs and trunk
+    # collide with the floor and with other legs)
     collisions: str = "feet"
-    foot: FootContact = NOMINAL_FOOT
+    foot: FootContact = NOMINAL_FOOT  # stiffness and restitution of the feet on the floor
+    # whether MuJoCo's solver makes the contact of feet and floor; the plant has pads instead
     solver_feet: bool = True
+    # time constant of all other contacts and of joint limits [s]; at least two time steps, below which MuJoCo
+    # would silently soften it
     contact_time_constant: float = 0.004
+    # ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU)
     integrator: str = "implicitfast"
-    dry_friction: bool = True
-    joint_limits: bool = True
-    visuals: bool = False
+    dry_friction: bool = True  # whether joints have dry friction (MuJoCo ``frictionloss``)
+    joint_limits: bool = True  # whether joints and springs have hard limits
+    visuals: bool = False  # whether the model carries what only cameras see
+    # whether the shank hangs on its series spring, if the robot has one; else it is fixed to the knee carrier
     knee_spring: bool = True
 
     def __post_init__(self) -> None:
@@ -124,45 +116,184 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
 
     The pads' contact depends on compiled quantities: after compiling, call ``set_foot_contact``.
     """
-    spec = mujoco.MjSpec()
-    spec.modelname = robot.name
-    _set_options(spec, options)
-    _add_floor(spec, robot, options)
-    trunk = _add_trunk(spec, robot, options)
-    _add_legs(spec, trunk, robot, 1.0, options)
-    _add_legs(spec, _add_rear_trunk(trunk, robot, options), robot, -1.0, options)
-    for leg in robot.leg_names if options.solver_feet else ():
-        add_foot_pair(spec, f"{leg}_foot", robot.foot_friction)
-    for joint in robot.joint_names:
-        _add_torque_actuator(spec, joint)
-    if options.visuals:
-        add_scenery(spec)
-        add_robot_visuals(spec, robot, VISUAL_GROUP)
-    spec.add_key(name="stand", qpos=_standing_position(robot, options))
-    return spec
+    return _Builder(robot, options).spec
 
 
-def _set_options(spec: mujoco.MjSpec, options: ModelOptions) -> None:
-    spec.option.timestep = options.timestep
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.integrator = INTEGRATORS[options.integrator]
-    if options.integrator == "euler":
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-    spec.compiler.degree = False
+class _Builder:
+    """Puts a robot's spec together."""
 
+    def __init__(self, robot: RobotDescription, options: ModelOptions) -> None:
+        self.robot, self.options, self.spec = robot, options, mujoco.MjSpec()
+        self.full = options.collisions == "full"
+        self.spec.modelname = robot.name
+        self._set_options()
+        floor = self.spec.worldbody.add_geom(
+            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05)
+        )
+        self._set_contact(floor, contype=_GROUND_BIT, conaffinity=0)
+        trunk = self._add_trunk()
+        for index in (0, 1):
+            self._add_leg(trunk, index)
+        rear = self._add_rear_trunk(trunk)
+        for index in (2, 3):
+            self._add_leg(rear, index)
+        for leg in robot.leg_names if options.solver_feet else ():
+            add_foot_pair(self.spec, f"{leg}_foot", robot.foot_friction)
+        for joint in robot.joint_names:
+            self._add_torque_actuator(joint)
+        if options.visuals:
+            add_scenery(self.spec)
+            add_robot_visuals(self.spec, robot, VISUAL_GROUP)
+        self.spec.add_key(name="stand", qpos=self._standing_position())
 
-def _add_floor(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> None:
-    floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
-    _set_contact(floor, robot, options, contype=_GROUND_BIT, conaffinity=0)
+    def _set_options(self) -> None:
+        option = self.spec.option
+        option.timestep = self.options.timestep
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.integrator = INTEGRATORS[self.options.integrator]
+        if self.options.integrator == "euler":
+            option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+        self.spec.compiler.degree = False
 
+    def _set_contact(self, geom: mujoco.MjsGeom, *, contype: int, conaffinity: int) -> None:
+        geom.contype, geom.conaffinity, geom.condim = contype, conaffinity, _SLIDE_ONLY
+        geom.friction[0] = self.robot.foot_friction
+        geom.solref = (self.options.contact_time_constant, 1.0)
+        geom.solimp = CONTACT_IMPEDANCE
 
-def _set_contact(
-    geom: mujoco.MjsGeom, robot: RobotDescription, options: ModelOptions, *, contype: int, conaffinity: int
-) -> None:
-    geom.contype, geom.conaffinity, geom.condim = contype, conaffinity, _SLIDE_ONLY
-    geom.friction[0] = robot.foot_friction
-    geom.solref = (options.contact_time_constant, 1.0)
-    geom.solimp = CONTACT_IMPEDANCE
+    def _set_robot_collision(self, geom: mujoco.MjsGeom) -> None:
+        """Let a geom collide with the floor and, with full collisions, with the other robot geoms."""
+        contype, conaffinity = (_ROBOT_BIT, _GROUND_BIT | _ROBOT_BIT) if self.full else (0, _GROUND_BIT)
+        self._set_contact(geom, contype=contype, conaffinity=conaffinity)
+        geom.group = COLLISION_GROUP if self.options.visuals else 0
+        geom.rgba = (0.2, 0.6, 0.9, 0.4)
+
+    def _add_trunk(self) -> mujoco.MjsBody:
+        """The trunk, or its front half."""
+        trunk = self.spec.worldbody.add_body(name="trunk", pos=(0, 0, self.robot.standing_height))
+        trunk.add_freejoint(name="root")
+        _set_link(trunk, self.robot.mechanics.trunk)
+        self._add_trunk_box(trunk, 1.0)
+        return trunk
+
+    def _add_rear_trunk(self, trunk: mujoco.MjsBody) -> mujoco.MjsBody:
+        """The body that carries the rear legs: the trunk itself where it has no waist."""
+        if self.robot.mechanics.rear_trunk is None or self.robot.waist is None:
+            return trunk
+        rear = trunk.add_body(name="rear_trunk")
+        _set_link(rear, self.robot.mechanics.rear_trunk)
+        self._add_joint(rear, self.robot.waist)
+        self._add_trunk_box(rear, -1.0)
+        return rear
+
+    def _add_trunk_box(self, body: mujoco.MjsBody, front: float) -> None:
+        """The trunk's collision box; with a waist, the half before it (``front`` 1) or behind it (-1)."""
+        if not self.full:
+            return
+        length, width, height = self.robot.mechanics.trunk_half_size
+        middle = 0.0
+        if self.robot.waist is not None:
+            length, middle = 0.5 * length, 0.5 * front * length
+        geom = body.add_geom(name=body.name, type=mujoco.mjtGeom.mjGEOM_BOX, size=(length, width, height))
+        geom.pos = (middle, 0.0, 0.0)
+        self._set_robot_collision(geom)
+
+    def _add_leg(self, trunk: mujoco.MjsBody, index: int) -> None:
+        leg, mechanics = self.robot.leg_names[index], self.robot.mechanics
+        front, side = leg_signs(leg)
+        joints = self.robot.leg_joints[index]
+        abad = trunk.add_body(name=f"{leg}_abad", pos=(front * mechanics.hip_x, side * mechanics.hip_y, 0))
+        _set_link(abad, mechanics.abad, side)
+        self._add_joint(abad, joints[0])
+        thigh = abad.add_body(name=f"{leg}_thigh", pos=(0, side * mechanics.abad_offset, 0))
+        _set_link(thigh, mechanics.thigh, side)
+        self._add_joint(thigh, joints[1])
+        shank = self._add_shank(thigh, index)
+        shank.mass, shank.ipos, inertia = shank_with_foot(self.robot, side)
+        shank.explicitinertial, shank.fullinertia = True, _full_inertia(inertia)
+        self._add_leg_collisions(leg, thigh, shank)
+
+    def _add_shank(self, thigh: mujoco.MjsBody, index: int) -> mujoco.MjsBody:
+        """The shank on its knee joint; with a series spring, on the carrier that the knee drives."""
+        leg, mechanics = self.robot.leg_names[index], self.robot.mechanics
+        knee, joint = (0, 0, -mechanics.thigh_length), self.robot.leg_joints[index, 2]
+        if mechanics.knee_carrier is None:
+            shank = thigh.add_body(name=f"{leg}_shank", pos=knee)
+            self._add_joint(shank, joint)
+            return shank
+        carrier = thigh.add_body(name=f"{leg}_knee", pos=knee)
+        _set_link(carrier, mechanics.knee_carrier)
+        self._add_joint(carrier, joint)
+        shank = carrier.add_body(name=f"{leg}_shank")
+        if self.options.knee_spring:
+            self._add_spring(shank, index)
+        return shank
+
+    def _add_joint(self, body: mujoco.MjsBody, index: int) -> None:
+        robot = self.robot
+        joint = body.add_joint(
+            name=robot.joint_names[index],
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=_AXES[joint_kind(robot.joint_names[index])],
+            armature=float(robot.armature[index]),
+        )
+        joint.damping[0] = robot.viscous_friction[index]
+        joint.frictionloss = float(robot.dry_friction[index]) if self.options.dry_friction else 0.0
+        self._limit(joint, robot.position_limits[index])
+
+    def _add_spring(self, body: mujoco.MjsBody, index: int) -> None:
+        spring = self.robot.mechanics.knee_spring
+        assert spring is not None
+        name = self.robot.spring_joint_names[index]
+        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_AXES["knee"])
+        joint.stiffness[0], joint.damping[0] = spring.stiffness, spring.damping
+        joint.springref = spring.rest_angle
+        self._limit(joint, spring.range)
+
+    def _limit(self, joint: mujoco.MjsJoint, limits: object) -> None:
+        if self.options.joint_limits:
+            joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, limits
+            joint.solref_limit = (self.options.contact_time_constant, 1.0)
+        else:
+            joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+    def _add_leg_collisions(self, leg: str, thigh: mujoco.MjsBody, shank: mujoco.MjsBody) -> None:
+        mechanics, radius = self.robot.mechanics, self.robot.foot_radius
+        place = (0, 0, -mechanics.shank_length)
+        foot = shank.add_geom(
+            name=f"{leg}_foot", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(radius, 0, 0), pos=place
+        )
+        self._set_robot_collision(foot)
+        if not self.options.solver_feet:
+            foot.conaffinity &= ~_GROUND_BIT
+        if self.full:
+            # The shank's capsule ends above the foot, which must touch the ground first.
+            self._add_capsule(thigh, mechanics.thigh_radius, mechanics.thigh_length)
+            self._add_capsule(shank, mechanics.shank_radius, mechanics.shank_length - radius)
+            # The carrier between them hides from MuJoCo that thigh and shank are neighbours.
+            self.spec.add_exclude(bodyname1=thigh.name, bodyname2=shank.name)
+
+    def _add_capsule(self, body: mujoco.MjsBody, radius: float, length: float) -> None:
+        geom = body.add_geom(name=body.name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(radius, 0, 0))
+        geom.fromto = (0, 0, 0, 0, 0, -length)
+        self._set_robot_collision(geom)
+
+    def _add_torque_actuator(self, joint: str) -> None:
+        actuator = self.spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_motor()
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+    def _standing_position(self) -> list[float]:
+        """Positions of the keyframe ``stand``: default pose, feet just on the ground, springs at rest."""
+        robot, knee_spring = self.robot, self.robot.mechanics.knee_spring
+        spring = [knee_spring.rest_angle] if knee_spring is not None and self.options.knee_spring else []
+        position = [0.0, 0.0, robot.standing_height, 1.0, 0.0, 0.0, 0.0]
+        waist = None if robot.waist is None else float(robot.default_pose[robot.waist])
+        for leg, joints in zip(robot.leg_names, robot.leg_joints, strict=True):
+            if waist is not None and leg_signs(leg)[0] < 0.0:
+                position, waist = [*position, waist], None  # in the model's order: before the rear legs
+            position += [*robot.default_pose[joints].tolist(), *spring]
+        return position
 
 
 def _set_link(body: mujoco.MjsBody, link: Link, side: float = 1.0) -> None:
@@ -180,138 +311,9 @@ def _full_inertia(matrix: FloatArray) -> tuple[float, ...]:
     return (*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2])
 
 
-def _add_trunk(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
-    """The trunk, or its front half."""
-    trunk = spec.worldbody.add_body(name="trunk", pos=(0, 0, robot.standing_height))
-    trunk.add_freejoint(name="root")
-    _set_link(trunk, robot.mechanics.trunk)
-    _add_trunk_box(trunk, 1.0, robot, options)
-    return trunk
-
-
-def _add_rear_trunk(trunk: mujoco.MjsBody, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
-    """The body that carries the rear legs: the trunk itself where it has no waist."""
-    if robot.mechanics.rear_trunk is None or robot.waist is None:
-        return trunk
-    rear = trunk.add_body(name="rear_trunk")
-    _set_link(rear, robot.mechanics.rear_trunk)
-    _add_joint(rear, robot, robot.waist, options)
-    _add_trunk_box(rear, -1.0, robot, options)
-    return rear
-
-
-def _add_trunk_box(
-    body: mujoco.MjsBody, front: float, robot: RobotDescription, options: ModelOptions
-) -> None:
-    """The trunk's collision box; with a waist, the half before it (``front`` 1) or behind it (-1)."""
-    if options.collisions != "full":
-        return
-    length, width, height = robot.mechanics.trunk_half_size
-    middle = 0.0
-    if robot.waist is not None:
-        length, middle = 0.5 * length, 0.5 * front * length
-    geom = body.add_geom(name=body.name, type=mujoco.mjtGeom.mjGEOM_BOX, size=(length, width, height))
-    geom.pos = (middle, 0.0, 0.0)
-    _set_robot_collision(geom, robot, options)
-
-
-def _set_robot_collision(geom: mujoco.MjsGeom, robot: RobotDescription, options: ModelOptions) -> None:
-    """Let a geom collide with the floor and, with full collisions, with the other robot geoms."""
-    full = options.collisions == "full"
-    contype, conaffinity = (_ROBOT_BIT, _GROUND_BIT | _ROBOT_BIT) if full else (0, _GROUND_BIT)
-    _set_contact(geom, robot, options, contype=contype, conaffinity=conaffinity)
-    geom.group = COLLISION_GROUP if options.visuals else 0
-    geom.rgba = (0.2, 0.6, 0.9, 0.4)
-
-
-def _add_legs(
-    spec: mujoco.MjSpec, trunk: mujoco.MjsBody, robot: RobotDescription, front: float, options: ModelOptions
-) -> None:
-    """All front (1) or rear (-1) legs."""
-    for index, leg in enumerate(robot.leg_names):
-        if leg_signs(leg)[0] == front:
-            _add_leg(spec, trunk, robot, index, options)
-
-
-def _add_leg(
-    spec: mujoco.MjSpec, trunk: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions
-) -> None:
-    leg, mechanics = robot.leg_names[index], robot.mechanics
-    front, side = leg_signs(leg)
-    joints = robot.leg_joints[index]
-    abad = trunk.add_body(name=f"{leg}_abad", pos=(front * mechanics.hip_x, side * mechanics.hip_y, 0))
-    _set_link(abad, mechanics.abad, side)
-    _add_joint(abad, robot, joints[0], options)
-    thigh = abad.add_body(name=f"{leg}_thigh", pos=(0, side * mechanics.abad_offset, 0))
-    _set_link(thigh, mechanics.thigh, side)
-    _add_joint(thigh, robot, joints[1], options)
-    shank = _add_shank(thigh, robot, index, options)
-    _set_shank_inertia(shank, robot, side)
-    _add_leg_collisions(spec, thigh, shank, robot, options)
-
-
-def _add_shank(
-    thigh: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions
-) -> mujoco.MjsBody:
-    """The shank on its knee joint; with a series spring, on the carrier that the knee drives."""
-    leg, mechanics = robot.leg_names[index], robot.mechanics
-    knee, joint = (0, 0, -mechanics.thigh_length), robot.leg_joints[index, 2]
-    if mechanics.knee_carrier is None:
-        shank = thigh.add_body(name=f"{leg}_shank", pos=knee)
-        _add_joint(shank, robot, joint, options)
-        return shank
-    carrier = thigh.add_body(name=f"{leg}_knee", pos=knee)
-    _set_link(carrier, mechanics.knee_carrier)
-    _add_joint(carrier, robot, joint, options)
-    shank = carrier.add_body(name=f"{leg}_shank")
-    if options.knee_spring:
-        _add_spring(shank, robot, index, options)
-    return shank
-
-
 def leg_signs(leg: str) -> tuple[float, float]:
     """``(+1 front | -1 rear, +1 left | -1 right)`` of a leg named ``FL``, ``FR``, ``RL`` or ``RR``."""
     return (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
-
-
-def _add_joint(body: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions) -> None:
-    joint = body.add_joint(
-        name=robot.joint_names[index],
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=_AXES[joint_kind(robot.joint_names[index])],
-        armature=float(robot.armature[index]),
-    )
-    joint.damping[0] = robot.viscous_friction[index]
-    joint.frictionloss = float(robot.dry_friction[index]) if options.dry_friction else 0.0
-    _limit(joint, robot.position_limits[index], options)
-
-
-def _add_spring(body: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions) -> None:
-    spring = robot.mechanics.knee_spring
-    assert spring is not None
-    joint = body.add_joint(
-        name=robot.spring_joint_names[index], type=mujoco.mjtJoint.mjJNT_HINGE, axis=_AXES["knee"]
-    )
-    joint.stiffness[0], joint.springref, joint.damping[0] = (
-        spring.stiffness,
-        spring.rest_angle,
-        spring.damping,
-    )
-    _limit(joint, spring.range, options)
-
-
-def _limit(joint: mujoco.MjsJoint, limits: object, options: ModelOptions) -> None:
-    if options.joint_limits:
-        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, limits
-        joint.solref_limit = (options.contact_time_constant, 1.0)
-    else:
-        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-
-
-def _set_shank_inertia(body: mujoco.MjsBody, robot: RobotDescription, side: float) -> None:
-    body.mass, body.ipos, inertia = shank_with_foot(robot, side)
-    body.explicitinertial = True
-    body.fullinertia = _full_inertia(inertia)
 
 
 def shank_with_foot(robot: RobotDescription, side: float = 1.0) -> tuple[float, FloatArray, FloatArray]:
@@ -328,61 +330,3 @@ def shank_with_foot(robot: RobotDescription, side: float = 1.0) -> tuple[float, 
     inertia = shank.inertia_matrix(side) + shank.mass * point_inertia(center - common)
     inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + point_inertia(foot - common))
     return shank.mass + foot_mass, common, inertia
-
-
-def _add_leg_collisions(
-    spec: mujoco.MjSpec,
-    thigh: mujoco.MjsBody,
-    shank: mujoco.MjsBody,
-    robot: RobotDescription,
-    options: ModelOptions,
-) -> None:
-    leg, mechanics = thigh.name.split("_")[0], robot.mechanics
-    foot = shank.add_geom(
-        name=f"{leg}_foot",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=(robot.foot_radius, 0, 0),
-        pos=(0, 0, -mechanics.shank_length),
-    )
-    _set_robot_collision(foot, robot, options)
-    if not options.solver_feet:
-        foot.conaffinity &= ~_GROUND_BIT
-    if options.collisions == "full":
-        # The shank's capsule ends above the foot, which must touch the ground first.
-        shank_end = mechanics.shank_length - robot.foot_radius
-        _add_capsule(thigh, f"{leg}_thigh", mechanics.thigh_radius, mechanics.thigh_length, robot, options)
-        _add_capsule(shank, f"{leg}_shank", mechanics.shank_radius, shank_end, robot, options)
-        # The carrier between them hides from MuJoCo that thigh and shank are neighbours.
-        spec.add_exclude(bodyname1=thigh.name, bodyname2=shank.name)
-
-
-def _add_capsule(
-    body: mujoco.MjsBody,
-    name: str,
-    radius: float,
-    length: float,
-    robot: RobotDescription,
-    options: ModelOptions,
-) -> None:
-    geom = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(radius, 0, 0))
-    geom.fromto = (0, 0, 0, 0, 0, -length)
-    _set_robot_collision(geom, robot, options)
-
-
-def _add_torque_actuator(spec: mujoco.MjSpec, joint: str) -> None:
-    actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_motor()
-    actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
-
-
-def _standing_position(robot: RobotDescription, options: ModelOptions) -> list[float]:
-    """Positions of the keyframe ``stand``: default pose, feet just on the ground, springs at rest."""
-    knee_spring = robot.mechanics.knee_spring
-    spring = [knee_spring.rest_angle] if knee_spring is not None and options.knee_spring else []
-    position = [0.0, 0.0, robot.standing_height, 1.0, 0.0, 0.0, 0.0]
-    waist = None if robot.waist is None else float(robot.default_pose[robot.waist])
-    for leg, joints in zip(robot.leg_names, robot.leg_joints, strict=True):
-        if waist is not None and leg_signs(leg)[0] < 0.0:
-            position, waist = [*position, waist], None  # in the model's order: before the rear legs
-        position += [*robot.default_pose[joints].tolist(), *spring]
-    return position

@@ -93,21 +93,13 @@ _ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
-    """One number of a robot, with where it comes from.
+    """One number of a robot, with where it comes from."""
 
-    Attributes:
-        quantity: dotted name, e.g. ``thigh.length``.
-        value: the number, or a tuple of 2 or 3 numbers.
-        unit: SI unit; ``1`` for a pure number.
-        uncertainty: how wrong the value may be, in words.
-        basis: the source or reasoning behind the value.
-    """
-
-    quantity: str
-    value: float | tuple[float, ...]
-    unit: str
-    uncertainty: str
-    basis: str
+    quantity: str  # dotted name, e.g. ``thigh.length``
+    value: float | tuple[float, ...]  # the number, or a tuple of 2 or 3 numbers
+    unit: str  # SI unit; ``1`` for a pure number
+    uncertainty: str  # how wrong the value may be, in words
+    basis: str  # the source or reasoning behind the value
 
 
 def has_part(rows: Mapping[str, object], part: str) -> bool:

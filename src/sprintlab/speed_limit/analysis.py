@@ -41,111 +41,65 @@ LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Lifted:
-    """The limit when one of its causes is gone.
+    """The limit when one of its causes is gone."""
 
-    Attributes:
-        cause: a key of ``LIMITS_TO_LIFT``.
-        speed: limit without it [m/s].
-        bounded: False where even twice the limit was possible.
-    """
-
-    cause: str
-    speed: float
-    bounded: bool
+    cause: str  # a key of ``LIMITS_TO_LIFT``
+    speed: float  # limit without it [m/s]
+    bounded: bool  # False where even twice the limit was possible
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensitivity:
-    """The limit of a robot with one quantity scaled.
+    """The limit of a robot with one quantity scaled."""
 
-    Attributes:
-        quantity: a key of ``scalings``.
-        factor: on the quantity.
-        speed: limit then [m/s].
-    """
-
-    quantity: str
-    factor: float
-    speed: float
+    quantity: str  # a key of ``scalings``
+    factor: float  # on the quantity
+    speed: float  # limit then [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrideFacts:
-    """What the fastest stride is like.
+    """What the fastest stride is like."""
 
-    Attributes:
-        frequency: [Hz].
-        duty: share of the stride in which a foot is on the ground.
-        step: way of the trunk over a standing foot [m].
-        peak_force: greatest vertical force on one foot, in weights of the robot.
-        impact: share of the vertical impulse that comes at touchdown.
-        hip_speed: greatest speed of the hip's drive over its no-load speed.
-        knee_speed: the same for the knee's.
-        hip_full: share of the stride in which the hip's drive gives all it can.
-        knee_full: the same for the knee's.
-        mechanical_power: mean of all drives, braking subtracted [W].
-        positive_power: mean of all drives, driving only [W].
-        copper_loss: mean heat in all windings [W].
-        hottest_loss: mean heat in one winding, of a hip or a knee, the greater of both [W].
-        envelope_power: greatest mechanical power of all hips and knees together [W].
-        cost_of_transport: electrical energy per weight and way.
-    """
-
-    frequency: float
-    duty: float
-    step: float
-    peak_force: float
-    impact: float
-    hip_speed: float
-    knee_speed: float
-    hip_full: float
-    knee_full: float
-    mechanical_power: float
-    positive_power: float
-    copper_loss: float
-    hottest_loss: float
-    envelope_power: float
-    cost_of_transport: float
+    frequency: float  # [Hz]
+    duty: float  # share of the stride in which a foot is on the ground
+    step: float  # way of the trunk over a standing foot [m]
+    peak_force: float  # greatest vertical force on one foot, in weights of the robot
+    impact: float  # share of the vertical impulse that comes at touchdown
+    hip_speed: float  # greatest speed of the hip's drive over its no-load speed
+    knee_speed: float  # the same for the knee's
+    hip_full: float  # share of the stride in which the hip's drive gives all it can
+    knee_full: float  # the same for the knee's
+    mechanical_power: float  # mean of all drives, braking subtracted [W]
+    positive_power: float  # mean of all drives, driving only [W]
+    copper_loss: float  # mean heat in all windings [W]
+    hottest_loss: float  # mean heat in one winding, of a hip or a knee, the greater of both [W]
+    envelope_power: float  # greatest mechanical power of all hips and knees together [W]
+    cost_of_transport: float  # electrical energy per weight and way
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedSpeed:
-    """What a policy reached, read from a result file.
+    """What a policy reached, read from a result file."""
 
-    Attributes:
-        policy: its name.
-        speed: held under the evaluation's profile [m/s].
-        source: the file.
-    """
-
-    policy: str
-    speed: float
-    source: str
+    policy: str  # its name
+    speed: float  # held under the evaluation's profile [m/s]
+    source: str  # the file
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit:
-    """The whole answer.
+    """The whole answer."""
 
-    Attributes:
-        robot: its name.
-        speed: upper estimate of the top speed [m/s].
-        cause: what stops the robot: the limit whose absence lets it run fastest; None where none was lifted.
-        facts: facts of the fastest stride.
-        stride: the fastest stride, a batch of one.
-        lifted: the limit without each cause, in the order of ``LIMITS_TO_LIFT``.
-        sensitivities: the limit with one quantity scaled.
-        trained: what policies reached.
-    """
-
-    robot: str
-    speed: float
+    robot: str  # its name
+    speed: float  # upper estimate of the top speed [m/s]
+    # what stops the robot: the limit whose absence lets it run fastest; None where none was lifted
     cause: str | None
-    facts: StrideFacts
-    stride: Stride
-    lifted: tuple[Lifted, ...]
-    sensitivities: tuple[Sensitivity, ...]
-    trained: tuple[TrainedSpeed, ...]
+    facts: StrideFacts  # facts of the fastest stride
+    stride: Stride  # the fastest stride, a batch of one
+    lifted: tuple[Lifted, ...]  # the limit without each cause, in the order of ``LIMITS_TO_LIFT``
+    sensitivities: tuple[Sensitivity, ...]  # the limit with one quantity scaled
+    trained: tuple[TrainedSpeed, ...]  # what policies reached
 
 
 def speed_limit(

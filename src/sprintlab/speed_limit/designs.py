@@ -184,21 +184,13 @@ def design_limit(
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Which design each motor model chooses, and what the refined motor says of both.
+    """Which design each motor model chooses, and what the refined motor says of both."""
 
-    Attributes:
-        source: ``"limits"`` (computed strides) or ``"trained"`` (policies in the plant).
-        chosen: design by model.
-        believed: speed that the model gives its design [m/s].
-        judged: numbers of that design by the refined motor.
-        noise: how much a speed of the design that wins may change when it is found again [m/s].
-    """
-
-    source: str
-    chosen: Mapping[str, Design]
-    believed: Mapping[str, float]
-    judged: Mapping[str, Mapping[str, float]]
-    noise: float
+    source: str  # ``"limits"`` (computed strides) or ``"trained"`` (policies in the plant)
+    chosen: Mapping[str, Design]  # design by model
+    believed: Mapping[str, float]  # speed that the model gives its design [m/s]
+    judged: Mapping[str, Mapping[str, float]]  # numbers of that design by the refined motor
+    noise: float  # how much a speed of the design that wins may change when it is found again [m/s]
 
     def cost(self, quantity: str) -> float:
         """What the choice of v_d = 0 has more than that of the refined motor, each at its own top speed."""

@@ -20,38 +20,23 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarLink:
-    """A link of the leg, in its own frame with the origin on its upper joint.
+    """A link of the leg, in its own frame with the origin on its upper joint."""
 
-    Attributes:
-        length: to the next joint or the foot's middle, along -z [m].
-        mass: [kg].
-        center_x: centre of mass [m].
-        center_z: centre of mass [m].
-        inertia: about the centre of mass, around y [kg m^2].
-    """
-
-    length: float
-    mass: float
-    center_x: float
-    center_z: float
-    inertia: float
+    length: float  # to the next joint or the foot's middle, along -z [m]
+    mass: float  # [kg]
+    center_x: float  # centre of mass [m]
+    center_z: float  # centre of mass [m]
+    inertia: float  # about the centre of mass, around y [kg m^2]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarLeg:
-    """Thigh, shank with foot, and the rotors that the gears tie to hip and knee.
+    """Thigh, shank with foot, and the rotors that the gears tie to hip and knee."""
 
-    Attributes:
-        thigh: from hip to knee.
-        shank: from knee to foot, with the foot and, if there is one, the knee carrier.
-        armature: reflected rotor inertia of hip and knee ``(2,)`` [kg m^2].
-        foot_radius: radius of the sphere that rolls on the ground [m].
-    """
-
-    thigh: PlanarLink
-    shank: PlanarLink
-    armature: FloatArray
-    foot_radius: float
+    thigh: PlanarLink  # from hip to knee
+    shank: PlanarLink  # from knee to foot, with the foot and, if there is one, the knee carrier
+    armature: FloatArray  # reflected rotor inertia of hip and knee ``(2,)`` [kg m^2]
+    foot_radius: float  # radius of the sphere that rolls on the ground [m]
 
     @property
     def reach(self) -> float:

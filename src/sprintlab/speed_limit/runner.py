@@ -16,36 +16,21 @@ _HALF_TURN = 2.0  # joint speed over which dry friction turns round [rad/s]
 
 @dataclass(frozen=True, kw_only=True)
 class Runner:
-    """What a stride needs to know of a robot.
+    """What a stride needs to know of a robot."""
 
-    Attributes:
-        leg: kinematics and inertia of a leg in the sagittal plane.
-        motors: motors of hip and knee, each field ``(2,)``.
-        gear: gears of hip and knee, each field ``(2,)``.
-        bus_voltage: [V].
-        viscous_friction: viscous friction of hip and knee ``(2,)`` [N m s/rad].
-        dry_friction: dry friction of hip and knee ``(2,)`` [N m].
-        position_limits: that the stride keeps to, end stops left out ``(2, 2)`` [rad].
-        mass: mass of the robot [kg].
-        legs: number of legs that share the load.
-        foot_friction: sliding friction coefficient.
-        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill.
-        knee_spring: series spring between the knee's drive and the shank; None without one.
-        motor_model: torque limits of the motors, one of ``sprintlab.motors.MOTOR_MODELS``.
-    """
-
-    leg: PlanarLeg
-    motors: PmsmParameters
-    gear: Gear
-    bus_voltage: float
-    viscous_friction: FloatArray
-    dry_friction: FloatArray
-    position_limits: FloatArray
-    mass: float
-    legs: int
-    foot_friction: float
-    drag_area: float
-    knee_spring: KneeSpring | None
+    leg: PlanarLeg  # kinematics and inertia of a leg in the sagittal plane
+    motors: PmsmParameters  # motors of hip and knee, each field ``(2,)``
+    gear: Gear  # gears of hip and knee, each field ``(2,)``
+    bus_voltage: float  # [V]
+    viscous_friction: FloatArray  # viscous friction of hip and knee ``(2,)`` [N m s/rad]
+    dry_friction: FloatArray  # dry friction of hip and knee ``(2,)`` [N m]
+    position_limits: FloatArray  # that the stride keeps to, end stops left out ``(2, 2)`` [rad]
+    mass: float  # mass of the robot [kg]
+    legs: int  # number of legs that share the load
+    foot_friction: float  # sliding friction coefficient
+    drag_area: float  # drag coefficient times frontal area in still air [m^2]; 0 on a treadmill
+    knee_spring: KneeSpring | None  # series spring between the knee's drive and the shank; None without one
+    # torque limits of the motors, one of ``sprintlab.motors.MOTOR_MODELS``
     motor_model: MotorModel = "refined"
 
     @cached_property

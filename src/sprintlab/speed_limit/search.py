@@ -47,19 +47,14 @@ _SCALES = np.r_[0.05, 0.03, 0.05, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, np.
 class SearchSettings:
     """How hard to look, and which strides count.
 
-    Attributes:
-        starts: random strides to begin from; as many more begin at the best stride so far, shaken.
-        seed: seed of the random strides.
-        max_stride: highest stride frequency that counts [Hz]; None: what the motors allow.
-        min_duty: lowest share of a stride in which a foot is on the ground; None: what the motors allow.
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    starts: int = 6
-    seed: int = 0
-    max_stride: float | None = None
+    starts: int = 6  # random strides to begin from; as many more begin at the best stride so far, shaken
+    seed: int = 0  # seed of the random strides
+    max_stride: float | None = None  # highest stride frequency that counts [Hz]; None: what the motors allow
+    # lowest share of a stride in which a foot is on the ground; None: what the motors allow
     min_duty: float | None = None
 
     def __post_init__(self) -> None:
@@ -73,18 +68,12 @@ class SearchSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Fastest:
-    """The fastest possible stride that was found.
+    """The fastest possible stride that was found."""
 
-    Attributes:
-        speed: [m/s].
-        parameters: parameters of the stride ``(PARAMETERS,)`` that proves this speed possible.
-        bounded: False where the search ended at its ceiling.
-        found: speed that each start came to, in order; 0 where it came to no possible stride [m/s].
-    """
-
-    speed: float
-    parameters: FloatArray
-    bounded: bool = True
+    speed: float  # [m/s]
+    parameters: FloatArray  # parameters of the stride ``(PARAMETERS,)`` that proves this speed possible
+    bounded: bool = True  # False where the search ended at its ceiling
+    # speed that each start came to, in order; 0 where it came to no possible stride [m/s]
     found: tuple[float, ...] = ()
 
     @property

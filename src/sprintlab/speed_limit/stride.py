@@ -61,41 +61,27 @@ _ROLLING_STEPS = 6
 
 
 class Stride(NamedTuple):
-    """A batch of ``b`` strides, stance points first, swing points after them (``p`` in all).
+    """A batch of ``b`` strides, stance points first, swing points after them (``p`` in all)."""
 
-    Attributes:
-        time: since touchdown ``(b, p)`` [s].
-        position: hip and knee ``(b, p, 2)`` [rad].
-        velocity: speeds of the drives ``(b, p, 2)`` [rad/s]; with a series spring the drive leads the knee.
-        torque: that the drives must give ``(b, p, 2)`` [N m].
-        lower, upper: that they can give at this velocity ``(b, p, 2)`` [N m].
-        force: force of the ground on the foot, forward and up ``(b, p, 2)`` [N].
-        foot: middle of the foot from the hip ``(b, p, 2)`` [m].
-        deflection: deflection of a series spring in the knee, in stance ``(b, STANCE_POINTS)`` [rad].
-        mismatch: velocity of the knee before touchdown against that of its drive after it ``(b,)`` [rad/s];
-            zero in a possible stride with a series spring, whose rotor no impact reaches.
-        period: stride period ``(b,)`` [s].
-        duty: share of the stride in which the foot is on the ground ``(b,)``.
-        share: share of the robot's mass that one stance carries ``(b,)``.
-        impact: share of the vertical impulse that comes at touchdown ``(b,)``.
-        height: height of the hip over the ground ``(b,)`` [m].
-    """
-
-    time: FloatArray
-    position: FloatArray
+    time: FloatArray  # since touchdown ``(b, p)`` [s]
+    position: FloatArray  # hip and knee ``(b, p, 2)`` [rad]
+    # speeds of the drives ``(b, p, 2)`` [rad/s]; with a series spring the drive leads the knee
     velocity: FloatArray
-    torque: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    force: FloatArray
-    foot: FloatArray
+    torque: FloatArray  # that the drives must give ``(b, p, 2)`` [N m]
+    lower: FloatArray  # that they can give at this velocity ``(b, p, 2)`` [N m]
+    upper: FloatArray  # that they can give at this velocity ``(b, p, 2)`` [N m]
+    force: FloatArray  # force of the ground on the foot, forward and up ``(b, p, 2)`` [N]
+    foot: FloatArray  # middle of the foot from the hip ``(b, p, 2)`` [m]
+    # deflection of a series spring in the knee, in stance ``(b, STANCE_POINTS)`` [rad]
     deflection: FloatArray
+    # velocity of the knee before touchdown against that of its drive after it ``(b,)`` [rad/s]; zero in a
+    # possible stride with a series spring, whose rotor no impact reaches
     mismatch: FloatArray
-    period: FloatArray
-    duty: FloatArray
-    share: FloatArray
-    impact: FloatArray
-    height: FloatArray
+    period: FloatArray  # stride period ``(b,)`` [s]
+    duty: FloatArray  # share of the stride in which the foot is on the ground ``(b,)``
+    share: FloatArray  # share of the robot's mass that one stance carries ``(b,)``
+    impact: FloatArray  # share of the vertical impulse that comes at touchdown ``(b,)``
+    height: FloatArray  # height of the hip over the ground ``(b,)`` [m]
 
 
 def stride_bounds(
@@ -266,17 +252,11 @@ def _impact(runner: Runner, shape: dict[str, FloatArray], position: FloatArray) 
 
 
 class _Spring(NamedTuple):
-    """Motion of the drives against the joints in stance; only the knee's differs from nothing.
+    """Motion of the drives against the joints in stance; only the knee's differs from nothing."""
 
-    Attributes:
-        deflection: drive before knee ``(b, STANCE_POINTS)`` [rad].
-        velocity: ``(b, STANCE_POINTS, 2)`` [rad/s].
-        acceleration: ``(b, STANCE_POINTS, 2)`` [rad/s^2].
-    """
-
-    deflection: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
+    deflection: FloatArray  # drive before knee ``(b, STANCE_POINTS)`` [rad]
+    velocity: FloatArray  # ``(b, STANCE_POINTS, 2)`` [rad/s]
+    acceleration: FloatArray  # ``(b, STANCE_POINTS, 2)`` [rad/s^2]
 
 
 def _spring_motion(runner: Runner, knee_torque: FloatArray, stance_time: FloatArray) -> _Spring:

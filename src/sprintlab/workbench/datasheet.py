@@ -84,16 +84,13 @@ class ConversionStep:
 class DatasheetConversion:
     """A motor, how it was computed, and what remains to be said."""
 
-    motor: PmsmParameters
-    """dq parameters."""
+    motor: PmsmParameters  # dq parameters
     i2t: I2tLimit | None
     """From the rated current or torque with a peak duration or thermal time constant; ``None`` without."""
     heat: HousedHeat | None
     """From two thermal resistances and two time constants; ``None`` without all of them."""
-    steps: tuple[ConversionStep, ...]
-    """In the order of the calculation."""
-    notes: tuple[str, ...]
-    """What the sheet leaves open, and where it disagrees with itself within bounds."""
+    steps: tuple[ConversionStep, ...]  # In the order of the calculation
+    notes: tuple[str, ...]  # What the sheet leaves open, and where it disagrees with itself within bounds
 
 
 def convert_datasheet(sheet: Datasheet, tolerance: float = TOLERANCE) -> DatasheetConversion:

@@ -96,22 +96,14 @@ class Entry(NamedTuple):
 class Datasheet:
     """A data sheet as read."""
 
-    name: str
-    """Name of the motor."""
-    source: str
-    """Where its numbers come from."""
-    connection: str
-    """``"star"``, ``"delta"`` or empty."""
-    pole_pairs: int
-    """N [-]."""
-    saturation: float | None
-    """Alpha if the sheet gives it [-]."""
-    gear_ratio: float | None
-    """If the sheet gives numbers at a gear's output [-]."""
-    flux_from: str
-    """The entry that decides the flux where entries contradict each other; empty for none."""
-    entries: Mapping[str, Entry]
-    """By name."""
+    name: str  # Name of the motor
+    source: str  # Where its numbers come from
+    connection: str  # ``"star"``, ``"delta"`` or empty
+    pole_pairs: int  # N [-]
+    saturation: float | None  # Alpha if the sheet gives it [-]
+    gear_ratio: float | None  # If the sheet gives numbers at a gear's output [-]
+    flux_from: str  # The entry that decides the flux where entries contradict each other; empty for none
+    entries: Mapping[str, Entry]  # By name
 
 
 def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:

@@ -24,31 +24,22 @@ from sprintlab.robots.loader import load_robot
 class JointChoice:
     """Drive and controller of one joint type; a field that is None is derived.
 
-    Attributes:
-        motor: a motor file (TOML), the name of a library motor, or ``ROBOT:JOINT`` for the motor of a known
-            robot, e.g. ``bp2:hip``.
-        gear_ratio: motor speed over joint speed.
-        gear_efficiency: joint torque over ratio times motor torque.
-        stiffness: proportional gain [N m/rad]; by default the peak torque at 0.45 rad of error.
-        damping: derivative gain [N m s/rad]; by default 0.03 s times the stiffness.
-        default_angle: at zero action [rad].
-        action_scale: joint target per unit of action [rad].
-        viscous_friction: [N m s/rad]; by default the source's.
-        dry_friction: [N m]; by default the source's.
-
     Raises:
         InvalidValueError: a field of another kind, or a number out of its physical range.
     """
 
+    # a motor file (TOML), the name of a library motor, or ``ROBOT:JOINT`` for the motor of a known robot,
+    # e.g. ``bp2:hip``
     motor: str
-    gear_ratio: float
-    gear_efficiency: float = 0.95
+    gear_ratio: float  # motor speed over joint speed
+    gear_efficiency: float = 0.95  # joint torque over ratio times motor torque
+    # proportional gain [N m/rad]; by default the peak torque at 0.45 rad of error
     stiffness: float | None = None
-    damping: float | None = None
-    default_angle: float | None = None
-    action_scale: float | None = None
-    viscous_friction: float | None = None
-    dry_friction: float | None = None
+    damping: float | None = None  # derivative gain [N m s/rad]; by default 0.03 s times the stiffness
+    default_angle: float | None = None  # at zero action [rad]
+    action_scale: float | None = None  # joint target per unit of action [rad]
+    viscous_friction: float | None = None  # [N m s/rad]; by default the source's
+    dry_friction: float | None = None  # [N m]; by default the source's
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -66,24 +57,18 @@ class JointChoice:
 class RobotChoices:
     """Everything about a robot that its model file does not say.
 
-    Attributes:
-        name: name of the robot; letters, digits, ``-`` and ``_``.
-        bus_voltage: [V].
-        joints: one ``JointChoice`` for each of abad, hip and knee.
-        foot_radius: [m], where the source has no foot sphere.
-        foot_friction: sliding friction coefficient of a foot.
-        base_height_target: trunk height to run at [m]; by default 0.92 of the standing height.
-
     Raises:
         InvalidValueError: a bad name, a missing joint, a field of another kind, or a number out of its
             physical range.
     """
 
-    name: str
-    bus_voltage: float
+    name: str  # name of the robot; letters, digits, ``-`` and ``_``
+    bus_voltage: float  # [V]
+    # one ``JointChoice`` for each of abad, hip and knee
     joints: Mapping[str, JointChoice] = field(default_factory=dict)
-    foot_radius: float | None = None
-    foot_friction: float = 0.8
+    foot_radius: float | None = None  # [m], where the source has no foot sphere
+    foot_friction: float = 0.8  # sliding friction coefficient of a foot
+    # trunk height to run at [m]; by default 0.92 of the standing height
     base_height_target: float | None = None
 
     def __post_init__(self) -> None:

@@ -43,47 +43,31 @@ class JointMap:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedRobot:
-    """The quantities of a table that a source decides; lengths [m], masses [kg], angles [rad].
+    """The quantities of a table that a source decides; lengths [m], masses [kg], angles [rad]."""
 
-    Attributes:
-        origin: middle between the abduction axes, in the source's base frame ``(3,)``.
-        hip_x, hip_y: distances of an abduction axis from the middle.
-        abad_offset: from the abduction axis to the leg's plane.
-        thigh_length, shank_length: joint to joint, joint to foot.
-        foot_radius, foot_mass: radius and mass of the foot.
-        trunk, abad, thigh, shank: mass properties; the shank without the foot.
-        trunk_half_size: half sizes of its collision box.
-        radii: radii of the collision shapes of thigh and shank.
-        ranges: lower and upper limit by joint type.
-        viscous_friction, dry_friction, armature: by joint type; where legs differ, the value of most legs.
-        efforts: torque limits that the source states, by joint type; where legs differ, the smallest.
-        maps: for each of the table's 12 joints.
-        spread: greatest relative difference between legs in lengths and masses.
-        unlike: joints whose numbers differ between legs, with the value of each leg.
-    """
-
-    origin: FloatArray
-    hip_x: float
-    hip_y: float
-    abad_offset: float
-    thigh_length: float
-    shank_length: float
-    foot_radius: float
-    foot_mass: float
-    trunk: FittedLink
-    abad: FittedLink
-    thigh: FittedLink
-    shank: FittedLink
-    trunk_half_size: FloatArray
-    radii: tuple[float, float]
-    ranges: dict[str, tuple[float, float]]
-    viscous_friction: dict[str, float]
-    dry_friction: dict[str, float]
-    armature: dict[str, float]
+    origin: FloatArray  # middle between the abduction axes, in the source's base frame ``(3,)``
+    hip_x: float  # distances of an abduction axis from the middle
+    hip_y: float  # distances of an abduction axis from the middle
+    abad_offset: float  # from the abduction axis to the leg's plane
+    thigh_length: float  # joint to joint, joint to foot
+    shank_length: float  # joint to joint, joint to foot
+    foot_radius: float  # radius and mass of the foot
+    foot_mass: float  # radius and mass of the foot
+    trunk: FittedLink  # mass properties; the shank without the foot
+    abad: FittedLink  # mass properties; the shank without the foot
+    thigh: FittedLink  # mass properties; the shank without the foot
+    shank: FittedLink  # mass properties; the shank without the foot
+    trunk_half_size: FloatArray  # half sizes of its collision box
+    radii: tuple[float, float]  # radii of the collision shapes of thigh and shank
+    ranges: dict[str, tuple[float, float]]  # lower and upper limit by joint type
+    viscous_friction: dict[str, float]  # by joint type; where legs differ, the value of most legs
+    dry_friction: dict[str, float]  # by joint type; where legs differ, the value of most legs
+    armature: dict[str, float]  # by joint type; where legs differ, the value of most legs
+    # torque limits that the source states, by joint type; where legs differ, the smallest
     efforts: dict[str, float | None]
-    maps: dict[str, JointMap]
-    spread: float
-    unlike: tuple[str, ...]
+    maps: dict[str, JointMap]  # for each of the table's 12 joints
+    spread: float  # greatest relative difference between legs in lengths and masses
+    unlike: tuple[str, ...]  # joints whose numbers differ between legs, with the value of each leg
 
 
 def fit_robot(source: SourceRobot) -> FittedRobot:

@@ -20,87 +20,52 @@ JOINTS_OF_A_LEG = 3
 
 @dataclass(frozen=True, kw_only=True)
 class RigidPart:
-    """Bodies that move as one, in the base's frame with all joints at zero.
+    """Bodies that move as one, in the base's frame with all joints at zero."""
 
-    Attributes:
-        bodies: names.
-        mass: [kg].
-        center: centre of mass ``(3,)`` [m].
-        inertia: about the centre of mass ``(3, 3)`` [kg m^2].
-    """
-
-    bodies: tuple[str, ...]
-    mass: float
-    center: FloatArray
-    inertia: FloatArray
+    bodies: tuple[str, ...]  # names
+    mass: float  # [kg]
+    center: FloatArray  # centre of mass ``(3,)`` [m]
+    inertia: FloatArray  # about the centre of mass ``(3, 3)`` [kg m^2]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceJoint:
-    """A hinge of the source, in the base's frame with all joints at zero.
+    """A hinge of the source, in the base's frame with all joints at zero."""
 
-    Attributes:
-        name: in the source.
-        anchor: a point of its axis ``(3,)`` [m].
-        axis: unit vector ``(3,)``.
-        limits: lower and upper limit ``(2,)`` [rad]; None without.
-        armature: [kg m^2].
-        damping: [N m s/rad].
-        dry_friction: [N m].
-        effort: greatest torque that the source states [N m]; None without.
-    """
-
-    name: str
-    anchor: FloatArray
-    axis: FloatArray
-    limits: FloatArray | None
-    armature: float
-    damping: float
-    dry_friction: float
-    effort: float | None
+    name: str  # in the source
+    anchor: FloatArray  # a point of its axis ``(3,)`` [m]
+    axis: FloatArray  # unit vector ``(3,)``
+    limits: FloatArray | None  # lower and upper limit ``(2,)`` [rad]; None without
+    armature: float  # [kg m^2]
+    damping: float  # [N m s/rad]
+    dry_friction: float  # [N m]
+    effort: float | None  # greatest torque that the source states [N m]; None without
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceLeg:
-    """Three hinges and the parts that they move, from the trunk outward.
+    """Three hinges and the parts that they move, from the trunk outward."""
 
-    Attributes:
-        joints: 3.
-        parts: 3; the last one carries the foot.
-        foot: middle of the foot ``(3,)`` [m].
-        foot_radius: [m].
-        foot_mass: mass of a body that is only the foot [kg]; None where shank and foot are one.
-        radii: radius of the collision shapes of thigh and shank [m]; None without shapes.
-    """
-
-    joints: tuple[SourceJoint, ...]
-    parts: tuple[RigidPart, ...]
-    foot: FloatArray
-    foot_radius: float
-    foot_mass: float | None
+    joints: tuple[SourceJoint, ...]  # 3
+    parts: tuple[RigidPart, ...]  # 3; the last one carries the foot
+    foot: FloatArray  # middle of the foot ``(3,)`` [m]
+    foot_radius: float  # [m]
+    foot_mass: float | None  # mass of a body that is only the foot [kg]; None where shank and foot are one
+    # radius of the collision shapes of thigh and shank [m]; None without shapes
     radii: tuple[float | None, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceRobot:
-    """What a file says of a quadruped.
+    """What a file says of a quadruped."""
 
-    Attributes:
-        path: the file.
-        model: the compiled source.
-        base: index of the body that carries the trunk.
-        trunk: what moves with the base.
-        trunk_half_size: half sizes of its largest collision box ``(3,)`` [m]; None without.
-        legs: 4, in no particular order.
-        corrected: links of a URDF whose inertia no body can have; it was raised to one that a body can.
-    """
-
-    path: Path
-    model: mujoco.MjModel
-    base: int
-    trunk: RigidPart
-    trunk_half_size: FloatArray | None
-    legs: tuple[SourceLeg, ...]
+    path: Path  # the file
+    model: mujoco.MjModel  # the compiled source
+    base: int  # index of the body that carries the trunk
+    trunk: RigidPart  # what moves with the base
+    trunk_half_size: FloatArray | None  # half sizes of its largest collision box ``(3,)`` [m]; None without
+    legs: tuple[SourceLeg, ...]  # 4, in no particular order
+    # links of a URDF whose inertia no body can have; it was raised to one that a body can
     corrected: tuple[str, ...]
 
 

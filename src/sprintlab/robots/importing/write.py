@@ -23,17 +23,11 @@ MAP_FILE = "joints.json"
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedRobot:
-    """What an import made.
+    """What an import made."""
 
-    Attributes:
-        folder: with ``parameters.toml`` and ``joints.json``.
-        robot: as it is read back from there.
-        checks: comparisons with the source.
-    """
-
-    folder: Path
-    robot: RobotDescription
-    checks: tuple[Check, ...]
+    folder: Path  # with ``parameters.toml`` and ``joints.json``
+    robot: RobotDescription  # as it is read back from there
+    checks: tuple[Check, ...]  # comparisons with the source
 
 
 def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path) -> ImportedRobot:

@@ -63,36 +63,21 @@ Cells = tuple[int, list[str]]
 class Bench:
     """Steady operating points in SI, every array ``(n,)``; ``None`` for a column that is not there."""
 
-    current: FloatArray
-    """i_q, amplitude [A]."""
-    torque: FloatArray
-    """On the shaft [N m]."""
-    speed: FloatArray | None = None
-    """Mechanical [rad/s]; ``None`` in a torque-current table."""
-    d_current: FloatArray
-    """i_d [A]; zero where the bench has no such column."""
-    q_voltage: FloatArray | None = None
-    """v_q [V]."""
-    d_voltage: FloatArray | None = None
-    """v_d [V]."""
-    power: FloatArray | None = None
-    """Electrical, into the three phases [W]."""
-    bus_voltage: FloatArray | None = None
-    """DC bus [V]."""
-    temperature: FloatArray | None = None
-    """Temperature of the winding [degC]."""
-    limited: NDArray[np.bool_]
-    """Whether the inverter gives all its voltage."""
-    time: FloatArray | None = None
-    """Time in a log [s]: rows that follow each other closely (``transients``)."""
-    acceleration: FloatArray | None = None
-    """Acceleration of the shaft in a log's windows [rad/s^2]."""
-    lines: NDArray[np.int64]
-    """Line of each row in its file, to name it."""
-    unused: tuple[str, ...] = ()
-    """Columns that were not understood and not read."""
-    remarks: tuple[str, ...] = ()
-    """What was done to the rows before a fit, which a reader must know."""
+    current: FloatArray  # i_q, amplitude [A]
+    torque: FloatArray  # On the shaft [N m]
+    speed: FloatArray | None = None  # Mechanical [rad/s]; ``None`` in a torque-current table
+    d_current: FloatArray  # i_d [A]; zero where the bench has no such column
+    q_voltage: FloatArray | None = None  # v_q [V]
+    d_voltage: FloatArray | None = None  # v_d [V]
+    power: FloatArray | None = None  # Electrical, into the three phases [W]
+    bus_voltage: FloatArray | None = None  # DC bus [V]
+    temperature: FloatArray | None = None  # Temperature of the winding [degC]
+    limited: NDArray[np.bool_]  # Whether the inverter gives all its voltage
+    time: FloatArray | None = None  # Time in a log [s]: rows that follow each other closely (``transients``)
+    acceleration: FloatArray | None = None  # Acceleration of the shaft in a log's windows [rad/s^2]
+    lines: NDArray[np.int64]  # Line of each row in its file, to name it
+    unused: tuple[str, ...] = ()  # Columns that were not understood and not read
+    remarks: tuple[str, ...] = ()  # What was done to the rows before a fit, which a reader must know
 
     @property
     def size(self) -> int:

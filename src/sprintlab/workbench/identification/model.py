@@ -88,23 +88,14 @@ LEAST_WARMING = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One measured quantity.
+    """One measured quantity."""
 
-    Attributes:
-        name: ``torque``, ``vq``, ``vd``, ``power`` or ``voltage limit``.
-        unit: unit of its residuals.
-        measured: (m,) values that the residuals are subtracted from.
-        predict: model values (m,) for parameters.
-        rows: (m,) rows of the bench.
-        depends_on: parameters that the prediction looks at.
-    """
-
-    name: str
-    unit: str
-    measured: FloatArray
-    predict: Callable[[Parameters], FloatArray]
-    rows: NDArray[np.int64]
-    depends_on: tuple[str, ...]
+    name: str  # ``torque``, ``vq``, ``vd``, ``power`` or ``voltage limit``
+    unit: str  # unit of its residuals
+    measured: FloatArray  # (m,) values that the residuals are subtracted from
+    predict: Callable[[Parameters], FloatArray]  # model values (m,) for parameters
+    rows: NDArray[np.int64]  # (m,) rows of the bench
+    depends_on: tuple[str, ...]  # parameters that the prediction looks at
 
 
 def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench: Bench) -> FloatArray:

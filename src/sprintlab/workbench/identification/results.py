@@ -21,71 +21,41 @@ from sprintlab.workbench.identification.model import (
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """One parameter.
+    """One parameter."""
 
-    Attributes:
-        name: a key of ``PARAMETER_UNITS``.
-        value: SI; ``None`` where the data say nothing.
-        half_width: half width of the 95 % interval; ``None`` where nothing was fitted.
-        determined: the interval is narrow enough to use the value.
-        reason: why it is not determined, or that it was held.
-    """
-
-    name: str
-    value: float | None
-    half_width: float | None
-    determined: bool
-    reason: str = ""
+    name: str  # a key of ``PARAMETER_UNITS``
+    value: float | None  # SI; ``None`` where the data say nothing
+    half_width: float | None  # half width of the 95 % interval; ``None`` where nothing was fitted
+    determined: bool  # the interval is narrow enough to use the value
+    reason: str = ""  # why it is not determined, or that it was held
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFit:
-    """How one measured quantity was met.
+    """How one measured quantity was met."""
 
-    Attributes:
-        name: name of the channel.
-        unit: unit of the values.
-        rows: (m,) rows of the bench.
-        measured: (m,) as measured.
-        predicted: (m,) by the fitted model.
-        noise: standard deviation of the residuals without outliers.
-        explained: share of the measured variance that the model explains, without outliers.
-    """
-
-    name: str
-    unit: str
-    rows: NDArray[np.int64]
-    measured: FloatArray
-    predicted: FloatArray
-    noise: float
-    explained: float
+    name: str  # name of the channel
+    unit: str  # unit of the values
+    rows: NDArray[np.int64]  # (m,) rows of the bench
+    measured: FloatArray  # (m,) as measured
+    predicted: FloatArray  # (m,) by the fitted model
+    noise: float  # standard deviation of the residuals without outliers
+    explained: float  # share of the measured variance that the model explains, without outliers
 
 
 @dataclass(frozen=True, kw_only=True)
 class Identification:
-    """What a bench tells about a motor.
+    """What a bench tells about a motor."""
 
-    Attributes:
-        bench: the data.
-        pole_pairs: N.
-        peak_current: amplitude to which the saturation refers [A].
-        estimates: one a parameter, by name.
-        channels: fit of each measured quantity.
-        outliers: (k,) lines of the file that were set aside.
-        singular_values: singular values of the scaled Jacobian, largest first.
-        warnings: what a reader must know before using the values.
-        trustworthy: ``False`` where a warning means that the fit is no description of the data.
-    """
-
-    bench: Bench
-    pole_pairs: int
-    peak_current: float
-    estimates: dict[str, Estimate]
-    channels: tuple[ChannelFit, ...]
-    outliers: NDArray[np.int64]
-    singular_values: FloatArray
-    warnings: tuple[str, ...]
-    trustworthy: bool
+    bench: Bench  # the data
+    pole_pairs: int  # N
+    peak_current: float  # amplitude to which the saturation refers [A]
+    estimates: dict[str, Estimate]  # one a parameter, by name
+    channels: tuple[ChannelFit, ...]  # fit of each measured quantity
+    outliers: NDArray[np.int64]  # (k,) lines of the file that were set aside
+    singular_values: FloatArray  # singular values of the scaled Jacobian, largest first
+    warnings: tuple[str, ...]  # what a reader must know before using the values
+    trustworthy: bool  # ``False`` where a warning means that the fit is no description of the data
 
     @property
     def torque_constant(self) -> float:
