@@ -6,7 +6,6 @@ The shapes are decoration scaled to the robot's lengths; no physical number come
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from sprintlab.robots.description import FloatArray, RobotDescription
 
 _RING_POINTS = 32
+_ROUNDNESS = 2.0 / 2.4  # 1 makes ovals, less makes boxes
 _GRAPHITE, _CARBON, _METAL = "graphite", "carbon", "metal"
 _ACCENT, _GLOW, _RUBBER = "accent", "glow", "rubber"
 _MATERIALS = {
@@ -30,44 +30,24 @@ _DESIGN_THIGH = 0.31  # thigh length of the robot for which the thicknesses were
 _TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
 
 
-@dataclass(frozen=True)
-class Section:
-    """Cross-section of a loft: centre, half sizes along its two directions, corner exponent (2: oval)."""
-
-    center: tuple[float, float, float]
-    half_u: float
-    half_v: float
-    exponent: float = 2.4
+Sections = Sequence[tuple[float, float, float, float, float]]
+"""Cross-sections of a loft, each ``(x, y, z, half_u, half_v)``: centre and half sizes along u and v [m]."""
 
 
-def loft(
-    sections: Sequence[Section], u: Sequence[float], v: Sequence[float]
-) -> tuple[FloatArray, NDArray[np.int_]]:
-    """Closed surface through cross-sections that follow each other along ``u x v``.
+def loft(sections: Sections, u: Sequence[float], v: Sequence[float]) -> tuple[FloatArray, NDArray[np.int_]]:
+    """Closed surface through superelliptic cross-sections that follow each other along ``u x v``.
 
-    Args:
-        sections: at least two, in order along ``u x v``.
-        u: unit direction of ``half_u`` ``(3,)``.
-        v: unit direction of ``half_v`` ``(3,)``.
+    ``u`` and ``v`` are unit directions ``(3,)``.
 
     Returns:
         vertices ``(m, 3)`` and triangles ``(k, 3)``, outward by the right-hand rule.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, _RING_POINTS, endpoint=False)
-    rings = [_ring(section, np.asarray(u), np.asarray(v), angle) for section in sections]
-    ends = [np.asarray(sections[0].center), np.asarray(sections[-1].center)]
-    vertices = np.vstack([*rings, *ends])
-    return vertices, _loft_triangles(len(sections), _RING_POINTS)
-
-
-def _ring(section: Section, u: FloatArray, v: FloatArray, angle: FloatArray) -> FloatArray:
-    """Points ``(n, 3)`` of a superellipse."""
-    cosine, sine = (
-        np.sign(f) * np.abs(f) ** (2.0 / section.exponent) for f in (np.cos(angle), np.sin(angle))
-    )
-    return (
-        np.asarray(section.center) + np.outer(section.half_u * cosine, u) + np.outer(section.half_v * sine, v)
-    )
+    table, angle = np.asarray(sections), np.linspace(0.0, 2.0 * np.pi, _RING_POINTS, endpoint=False)
+    along_u, along_v = (np.sign(f) * np.abs(f) ** _ROUNDNESS for f in (np.cos(angle), np.sin(angle)))
+    rings = table[:, None, :3] + table[:, 3, None, None] * np.outer(along_u, u)
+    rings = rings + table[:, 4, None, None] * np.outer(along_v, v)
+    vertices = np.vstack((rings.reshape(-1, 3), table[0, :3], table[-1, :3]))
+    return vertices, _loft_triangles(len(table), _RING_POINTS)
 
 
 def _loft_triangles(rings: int, points: int) -> NDArray[np.int_]:
@@ -161,19 +141,13 @@ def _add_tracking_views(trunk: mujoco.MjsBody) -> None:
 
 
 class _Dresser:
-    """Adds massless geoms to bodies; a mesh of one name is stored once and used by all legs.
-
-    Attributes:
-        size: factor of every thickness.
-    """
+    """Adds massless geoms to bodies, thicknesses times ``size``; meshes of one name are stored once."""
 
     def __init__(self, spec: mujoco.MjSpec, group: int, size: float) -> None:
         self._spec, self._group, self.size = spec, group, size
         self._meshes: set[str] = set()
 
-    def mesh(
-        self, body: str, name: str, material: str, sections: Sequence[Section], down: bool = False
-    ) -> None:
+    def mesh(self, body: str, name: str, material: str, sections: Sections, down: bool = False) -> None:
         """Hang a loft on a body: along +x, or ``down`` along -z."""
         if name not in self._meshes:
             vertices, faces = loft(sections, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0) if down else (0.0, 0.0, 1.0))
@@ -242,9 +216,9 @@ _SHIN: Rows = (
 _CLAW = ((0.2, 0.1, 0.30), (0.8, 0.05, 0.26), (1.3, -0.2, 0.17), (1.7, -0.55, 0.04))  # x, z, size over radius
 
 
-def _link_sections(rows: Rows, length: float, size: float) -> list[Section]:
+def _link_sections(rows: Rows, length: float, size: float) -> Sections:
     return [
-        Section((size * x, 0.0, z * (size if z > 0.0 else length)), size * width, size * depth)
+        (size * x, 0.0, z * (size if z > 0.0 else length), size * width, size * depth)
         for z, x, depth, width in rows
     ]
 
@@ -253,9 +227,7 @@ def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
     """Deep chest, narrow waist, small head, short tail, and the abduction motors with a ring."""
     hip_x, hip_y, size = robot.mechanics.hip_x, robot.mechanics.hip_y, dresser.size
     for name, (material, rows) in _TRUNK.items():
-        sections = [
-            Section((x * hip_x, 0.0, size * z), size * width, size * height) for x, z, width, height in rows
-        ]
+        sections = [(x * hip_x, 0.0, size * z, size * width, size * height) for x, z, width, height in rows]
         dresser.mesh("trunk", name, material, sections)
     dresser.ellipsoid(
         "trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083 * size), (0.036 * size, 0.031 * size, 0.009 * size)
@@ -270,12 +242,8 @@ def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
 def _dress_hip_and_thigh(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
     """Abduction motor along x, hip and knee motor along y on both sides of the leg's plane, a blade."""
     front, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
-    offset, size, abad, thigh = (
-        side * robot.mechanics.abad_offset,
-        dresser.size,
-        f"{leg}_abad",
-        f"{leg}_thigh",
-    )
+    abad, thigh = f"{leg}_abad", f"{leg}_thigh"
+    offset, size = side * robot.mechanics.abad_offset, dresser.size
     ends = (-front * 0.048 * size, 0.0, 0.0), (front * 0.040 * size, 0.0, 0.0)
     dresser.cylinder(abad, _CARBON, 0.046, *ends)
     dresser.across(abad, _METAL, 0.056, side * 0.012, 0.54 * offset)
@@ -297,9 +265,7 @@ def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
     dresser.ellipsoid(body, _RUBBER, (0.0, 0.0, -length), (1.0 * radius, 0.75 * radius, 0.98 * radius))
     for name, y in (("claw_left", 0.45 * radius), ("claw_middle", 0.0), ("claw_right", -0.45 * radius)):
         claw = [
-            Section(
-                (x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * half * radius, half * radius
-            )
+            (x * radius, y * (1.0 + 0.4 * x), -length + z * radius, 0.8 * half * radius, half * radius)
             for x, z, half in _CLAW
         ]
         dresser.mesh(body, name, _ACCENT if y == 0.0 else _RUBBER, claw)
