@@ -96,8 +96,8 @@ def test_units_in_a_line_of_their_own_become_headings(tmp_path):
     np.testing.assert_allclose(bench.bus_voltage, [48.0, 47.5])
 
 
-@pytest.mark.parametrize("phase", [1, 4, 15])
-def test_of_a_held_signal_one_row_an_update_is_left(tmp_path, phase):
+@pytest.mark.parametrize("phase", [1, 15])
+def test_one_row_per_update_of_a_held_signal_is_left(tmp_path, phase):
     bench = load_bench(saved(tmp_path, fetch.hej90_tables(joint_log(phase), "joint")["joint"]))
     assert len(np.unique(bench.current)) == bench.size
     if phase == 1:  # where the torque of the first update comes after it is over
@@ -105,12 +105,6 @@ def test_of_a_held_signal_one_row_an_update_is_left(tmp_path, phase):
     np.testing.assert_allclose(bench.torque, 3.0 * bench.current)
     np.testing.assert_allclose(np.diff(bench.time), 0.015)
     assert not is_log(bench, 0.02)
-
-
-def test_a_log_whose_current_never_changes_is_refused():
-    text = "t,i,velAct,torAct\n" + "".join(f"{index},2,0,0\n" for index in range(40))
-    with pytest.raises(SprintlabError, match="never changes"):
-        fetch.hej90_tables(text, "joint")
 
 
 def test_currents_are_read_out_of_code_that_is_not_run():
@@ -128,16 +122,11 @@ def test_temperatures_with_stray_tabs_and_marks_are_read():
 def test_text_among_the_numbers_is_refused():
     with pytest.raises(SprintlabError, match="no number"):
         fetch.d5065_tables(ODRIVE.replace("-1093.0", "n/a"), "points")
-    with pytest.raises(SprintlabError, match="no row"):
-        fetch.d5065_tables("\n".join(ODRIVE.splitlines()[:3]), "points")
 
 
 def git(folder, *arguments):
     identity = ("-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "core.autocrlf=false")
-    run = subprocess.run(
-        ["git", "-C", folder, *identity, *arguments], capture_output=True, text=True, check=True
-    )
-    return run.stdout.strip()
+    return subprocess.check_output(["git", "-C", folder, *identity, *arguments], text=True).strip()
 
 
 def test_a_clone_is_read_at_the_commit_of_the_results(tmp_path, monkeypatch, capsys):

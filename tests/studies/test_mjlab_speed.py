@@ -69,18 +69,11 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
     places = match_joints(policy.joint_names, robot.joint_names)
     quaternion = random.normal(size=4) * 0.1 + [1.0, 0.0, 0.0, 0.0]
     quaternion /= np.linalg.norm(quaternion)
-    velocity, joints, speeds = (
-        random.normal(size=6),
-        policy.home + 0.1 * random.normal(size=12),
-        random.normal(size=12),
-    )
-    for name, position, speed in zip(policy.joint_names, joints, speeds, strict=True):
-        ours = (
-            robot.joint_names[match_joints([name], robot.joint_names)[0]]
-            if "hip" not in name
-            else (f"{name[:2]}_abad")
-        )
-        plant.data.joint(ours).qpos[0], plant.data.joint(ours).qvel[0] = position, speed
+    velocity, speeds = random.normal(size=6), random.normal(size=12)
+    joints = policy.home + 0.1 * random.normal(size=12)
+    for place, position, speed in zip(places, joints, speeds, strict=True):
+        joint = plant.data.joint(robot.joint_names[place])
+        joint.qpos[0], joint.qvel[0] = position, speed
     plant.data.qpos[3:7], plant.data.qvel[:6] = quaternion, velocity
     entity = env.scene["robot"]
     free = torch.tensor([0.0, 0.0, 0.4, *quaternion], dtype=torch.float32).expand(2, 7)
@@ -99,11 +92,9 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
         if name not in ("actions", "command", "joint_pos")
     }
     seen = study.observation(plant, policy, places, np.zeros(12), 0.0)
-    assert seen[0:3] == pytest.approx(expected["base_lin_vel"], abs=1e-4)
-    assert seen[3:6] == pytest.approx(expected["base_ang_vel"], abs=1e-4)
-    assert seen[6:9] == pytest.approx(expected["projected_gravity"], abs=1e-4)
-    assert seen[9:21] == pytest.approx(joints - policy.home, abs=1e-6)
-    assert seen[21:33] == pytest.approx(expected["joint_vel"], abs=1e-4)
+    motion = [expected[name] for name in ("base_lin_vel", "base_ang_vel", "projected_gravity")]
+    wanted = np.concatenate([*motion, joints - policy.home, expected["joint_vel"]])
+    assert seen[:33] == pytest.approx(wanted, abs=1e-4)
 
 
 @pytest.mark.slow
@@ -122,15 +113,12 @@ def test_the_data_sheets_motor_in_mjlab_is_the_line_in_the_plant():
         data.qvel[6:], data.ctrl[:] = random.normal(0.0, 10.0, 12), random.normal(0.0, 1.5, 12)
         mujoco.mj_forward(model, data)
         for at, name in enumerate(names):
-            kind = "calf" if "calf" in name else "hip"
-            stock = go1.GO1_KNEE_ACTUATOR_CFG if kind == "calf" else go1.GO1_HIP_ACTUATOR_CFG
+            calf = "calf" in name
+            stock = go1.GO1_KNEE_ACTUATOR_CFG if calf else go1.GO1_HIP_ACTUATOR_CFG
             joint = model.joint(name)
             speed = data.qvel[joint.dofadr[0]]
             wanted = stock.stiffness * (data.ctrl[at] - data.qpos[joint.qposadr[0]]) - stock.damping * speed
-            column = 2 if kind == "calf" else 0
-            vectors = np.zeros(12), np.zeros(12)
-            vectors[0][column], vectors[1][column] = wanted, speed
-            expected = law(*vectors).torque[column]
+            expected = law(np.full(12, wanted), np.full(12, speed)).torque[2 if calf else 0]
             assert data.qfrc_actuator[joint.dofadr[0]] == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
