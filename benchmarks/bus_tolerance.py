@@ -13,7 +13,7 @@ import argparse
 import os
 import platform
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -124,32 +124,8 @@ def summary(condition: Condition, runs: Sequence[dict[str, Any]]) -> dict[str, A
     }
 
 
-def markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """The table that ``docs/deployment.md`` shows."""
-
-    def cell(value: float | None, digits: int) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
-
-    def lines() -> Iterator[str]:
-        names = (
-            "round trip [ms]",
-            "jitter [ms]",
-            "loss [%]",
-            "falls",
-            "100 m [s]",
-            "speed before the line [m/s]",
-        )
-        yield f"| {' | '.join(names)} |"
-        yield "|---|---|---|---|---|---|"
-        for row in rows:
-            link = f"{row['delay_ms']:g} | {row['jitter_ms']:g} | {row['loss_percent']:g}"
-            falls = f"{row['falls']} of {row['runs']}"
-            yield f"| {link} | {falls} | {cell(row['time_100m_s'], 2)} | {cell(row['held_speed_m_s'], 2)} |"
-
-    return "\n".join(lines()) + "\n"
-
-
 def main() -> None:
+    """Run every condition and write the file."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -170,7 +146,6 @@ def main() -> None:
             rows = [summary(*item) for item in results.items() if len(item[1]) == arguments.trials]
             if len(results[jobs[job]]) == arguments.trials:
                 _write(arguments, rows)
-    print(markdown(rows))
 
 
 def _write(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> None:

@@ -47,7 +47,7 @@ def answer(
 
 
 def circumstances(packages: Sequence[str]) -> dict[str, Any]:
-    """Of a measurement: versions, the command as typed, the date."""
+    """Versions, the command as typed, and the date of a measurement."""
     return {
         "python": sys.version.split()[0],
         "packages": {package: package_version(package) for package in packages},

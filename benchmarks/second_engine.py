@@ -1,11 +1,10 @@
-"""Every policy of the package in MuJoCo and in Drake: what each holds, and at what cost of computing.
+"""Every policy of the package in MuJoCo and in Drake, and what each holds.
 
     python benchmarks/second_engine.py sprint --workers 2 --store
 
-One 100 m and ten seeded trials of the raw profile in each engine at the headline speed, with the same draws,
-and with ``--ladder`` one nominal trial at two lower speeds. A policy takes about 6 minutes of one
-core, most of it Drake's. ``--store`` keeps a policy's numbers in the package and in results/second_engine as
-soon as it is through; rows of other policies of the package stay, those of policies that have left go.
+One 100 m and ten seeded trials of the raw profile in each engine at the headline speed, with the same draws.
+A policy takes about 6 minutes of one core, most of it Drake's. ``--store`` keeps a policy's numbers in the
+package and in results/second_engine as soon as it is finished.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import argparse
 import hashlib
 import json
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -27,56 +25,21 @@ from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult, TrialResult
 from sprintlab.evaluation.second_engine import STORED, engine_requests, mark, speed_change
-from sprintlab.evaluation.trial import TrialRequest
-from sprintlab.plant import ENGINES, PlantOptions, check_engine, on_engine
+from sprintlab.plant import ENGINES, check_engine
 from sprintlab.robots import load_robot
 
 TOP_SPEEDS = {"sprint": 13.25, "go1-sprint": 7.0, "go2-sprint": 6.0}
 OTHER_TOP_SPEED = 10.0
-LADDER = (0.4, 0.7)  # of the top speed
 RESULT = Path("results/second_engine/speeds.json")
 
 
-def run_in(
-    pool: TrialPool, speed: float, settings: ProtocolSettings, engine: str
-) -> tuple[EngineResult, float]:
-    """The 100 m and the seeded trials, and this process's CPU time for a simulated second."""
-    started = time.process_time()
+def run_in(pool: TrialPool, speed: float, settings: ProtocolSettings, engine: str) -> EngineResult:
+    """The 100 m and the seeded trials."""
     results = list(pool.stream(engine_requests(speed, 100.0, settings, engine)))
-    spent = time.process_time() - started
     sprints = [result for result in results if isinstance(result, SprintResult)]
     trials = [result for result in results if isinstance(result, TrialResult)]
     raw = SpeedResult(top_speed=speed, self_paced=False, trials=tuple(trials), required=settings.required)
-    simulated = sum(_duration(trial, settings) for trial in trials) + _sprint_duration(sprints[0])
-    return EngineResult(engine=engine, sprint=sprints[0], raw=raw), spent / simulated
-
-
-def _duration(trial: TrialResult, settings: ProtocolSettings) -> float:
-    whole = 2.0 + 2.0 * trial.top_speed / 4.0 + settings.hold
-    return whole if trial.fall_time is None else trial.fall_time
-
-
-def _sprint_duration(sprint: SprintResult) -> float:
-    """Up to the finish, braking and the last second."""
-    trial = sprint.trial
-    if trial.fall_time is not None:
-        return trial.fall_time
-    return trial.hold_interval[1] + trial.top_speed / 4.0 + 1.0
-
-
-def ladder(pool: TrialPool, top_speed: float, hold: float) -> list[dict[str, Any]]:
-    """Held speed in both engines at lower speeds, one nominal trial each [m/s]."""
-    rows = []
-    for speed in (round(2.0 * share * top_speed) / 2.0 for share in LADDER):
-        plants = {engine: on_engine(PlantOptions(), engine) for engine in ENGINES}
-        requests = [TrialRequest(top_speed=speed, hold=hold, plant=plant) for plant in plants.values()]
-        trials = pool.trials(requests)
-        held = {
-            f"{engine}_held_speed_m_s": round(trial.metrics.held_speed, 3) if trial.completed else None
-            for engine, trial in zip(plants, trials, strict=True)
-        }
-        rows.append({"top_speed_command_m_s": speed, **held})
-    return rows
+    return EngineResult(engine=engine, sprint=sprints[0], raw=raw)
 
 
 def measure(path: Path, settings: ProtocolSettings, chosen: argparse.Namespace) -> dict[str, Any]:
@@ -85,20 +48,15 @@ def measure(path: Path, settings: ProtocolSettings, chosen: argparse.Namespace) 
     speed = chosen.top_speed or TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
     with TrialPool(path, robot, workers=chosen.workers) as pool:
         runs = {engine: run_in(pool, speed, settings, engine) for engine in ENGINES}
-        rows = ladder(pool, speed, settings.hold) if chosen.ladder else []
-    first, second = (runs[engine][0] for engine in ENGINES)
+    first, second = (runs[engine] for engine in ENGINES)
     return {
         "policy": name,
         "robot": robot.name,
         "top_speed_command_m_s": speed,
         "hold_s": settings.hold,
-        **{
-            engine: rounded(result.to_dict() | {"cpu_s_per_s": cost if chosen.workers == 1 else None})
-            for engine, (result, cost) in runs.items()
-        },
+        **{engine: rounded(result.to_dict()) for engine, result in runs.items()},
         "speed_change": rounded(speed_change(first.raw, second.raw)),
         "mark": mark(first.raw, second.raw),
-        "ladder": rows,
     }
 
 
@@ -125,10 +83,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--top-speed", type=float, help="command [m/s]; the policy's headline speed when left out"
     )
-    parser.add_argument("--workers", type=int, default=1, help="processes; with 1 the cost is measured too")
-    parser.add_argument("--trials", type=int, default=10, help="seeded trials an engine")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--trials", type=int, default=10, help="seeded trials per engine")
     parser.add_argument("--hold", type=float, default=10.0, help="[s]")
-    parser.add_argument("--ladder", action="store_true", help="also one trial each at two lower speeds")
     parser.add_argument("--output", type=Path, help="also write JSON there")
     parser.add_argument(
         "--store", action="store_true", help="keep the numbers in the package, for its reports"
@@ -170,7 +127,7 @@ def store(rows: dict[str, Any]) -> None:
 
 
 def show(result: dict[str, Any]) -> None:
-    """A row a policy."""
+    """One line per policy."""
     for row in result["policies"].values():
         held = [f"{engine} {row[engine]['held_speed_m_s']} m/s" for engine in ENGINES]
         print(row["policy"], "at", row["top_speed_command_m_s"], *held, row["mark"] or "no mark", sep="  ")

@@ -16,31 +16,21 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from measurement_tables import RESULTS, as_table, measurement_tables
 
 from sprintlab.core.theme import DARK, LIGHT, Theme
 from sprintlab.evaluation.report_text import audit_limit, audit_measured, number
 from sprintlab.evaluation.results import AuditItem
-from sprintlab.integrations.mjcf import dc_motor_excess
-from sprintlab.motors import library_motors, load_library_motor
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 DEFAULT_POLICY = "sprint"
 TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
-GUESTS = {
-    "Isaac Lab": "isaaclab",
-    "mjlab": "mjlab",
-    "Newton": "newton",
-    "Playground": "playground",
-    "plain MuJoCo, one robot": "mujoco",
-}
-WORK = "driving work that the motors could not do"
 Row = dict[str, Any]
 
 
@@ -55,10 +45,7 @@ def tables() -> dict[str, str]:
         "robustness": robustness(sprints),
         "besides": besides(RESULTS / DEFAULT_POLICY),
         "second_engine": second_engine(engines),
-        "mjcf_export": mjcf_export(),
-        "mjlab_walk": mjlab_walk(_integration("mjlab-go1")),
-        "newton_walk": newton_walk(_integration("newton-anymal")),
-        "guest_costs": guest_costs(_integration("cost")),
+        **measurement_tables(),
     }
 
 
@@ -103,7 +90,7 @@ def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
         ("Shin et al. 2023, KAIST Hound", "robot, reported", "6.5 m/s", ""),
         ("Miller et al. 2025, Spot", "robot, reported", "5.2 m/s", ""),
     ]
-    return _table(("who", "where", "speed", "100 m"), [*reported, *ours, *others])
+    return as_table(("who", "where", "speed", "100 m"), [*reported, *ours, *others])
 
 
 def seeds(policy: str) -> str:
@@ -132,7 +119,7 @@ def policies(races: dict[str, Row], engines: Sequence[Row], sprints: dict[str, R
         )
         for name, race in races.items()
     ]
-    return _table(head, rows)
+    return as_table(head, rows)
 
 
 def audit_lines(races: dict[str, Row]) -> str:
@@ -148,7 +135,7 @@ def audit_lines(races: dict[str, Row]) -> str:
     rows = [(label, *(text(row) for row in columns)) for label, text in measures]
     for items in zip(*(row["audit"]["items"] for row in columns), strict=True):
         rows.append((f"{items[0]['name']}: {audit_limit(AuditItem(**items[0]))}", *map(_audit_cell, items)))
-    return _table(("", *(f"`{name}`" for name in races)), rows)
+    return as_table(("", *(f"`{name}`" for name in races)), rows)
 
 
 def robustness(sprints: dict[str, Row]) -> str:
@@ -159,7 +146,7 @@ def robustness(sprints: dict[str, Row]) -> str:
         found = row["held_speed_quantiles_m_s"]
         speeds = " / ".join(_cell(found[quantile], 1) for quantile in ("0.05", "0.5", "0.95"))
         rows.append((f"`{name}`", f"{row['top_speed_command_m_s']:g} m/s", upright(row), f"{speeds} m/s"))
-    return _table(head, rows)
+    return as_table(head, rows)
 
 
 def second_engine(engines: Sequence[Row]) -> str:
@@ -177,7 +164,7 @@ def second_engine(engines: Sequence[Row]) -> str:
             f"{_cell(first['sprint_time_s'])} / {_cell(second['sprint_time_s'])} s",
         )
         rows.append(cells)
-    return _table(head, rows)
+    return as_table(head, rows)
 
 
 def besides(folder: Path) -> str:
@@ -200,63 +187,7 @@ def besides(folder: Path) -> str:
         change = f"{100 * trials['change']:+.0f} % of the speed held on level ground"
         what = f"{names[trials['ground']]}, asked for {ground['top_speed_command_m_s']:g} m/s"
         rows.append((what, f"{change}, {trials['upright']} of {trials['trials']} upright"))
-    return _table(("", "measured"), rows)
-
-
-def mjcf_export() -> str:
-    """Torque that MuJoCo's ``<dcmotor>`` gives beyond each library motor's envelope."""
-    head = ("actuator", "driving, at most", "driving, mean over speeds", "braking, at most", "at standstill")
-    rows = []
-    for name in library_motors():
-        motor = load_library_motor(name)
-        excess = dc_motor_excess(motor.motor, motor.gear, motor.bus_voltage)
-        shares = (excess[part] for part in ("driving", "driving_mean", "braking", "stalled"))
-        rows.append((f"`{name}`", *(f"{abs(round(100.0 * share))} %" for share in shares)))
-    return _table(head, rows)
-
-
-def mjlab_walk(found: Row) -> str:
-    """mjlab's Go1 on three of its actuators."""
-    head = ("actuator", "held at 1.5 m/s", "fastest calf", WORK)
-    actuators = {
-        "position": "BuiltinPositionActuatorCfg",
-        "dc_motor": "DcMotorActuatorCfg",
-        "refined": "PmsmActuatorCfg",
-    }
-    keys = ("held_m_s", "fastest_calf_rad_s", "impossible_work_share")
-    rows = [_walk(name, *(found[f"{law}_1.5"][key] for key in keys)) for law, name in actuators.items()]
-    return _table(head, rows)
-
-
-def newton_walk(found: Row) -> str:
-    """ANYmal with Newton's clamping stages."""
-    head = ("clamping stage", "held at 1 m/s", "fastest joint", WORK)
-    stages = {
-        "peak_torque": "ClampingMaxEffort",
-        "straight_line": "ClampingDCMotor",
-        "refined": "PmsmClamping",
-    }
-    keys = ("held_{}_m_s", "fastest_joint_{}_rad_s", "impossible_work_share_{}")
-    rows = [_walk(name, *(found[key.format(law)] for key in keys)) for law, name in stages.items()]
-    return _table(head, rows)
-
-
-def _walk(name: str, held_speed: float, fastest: float, share: float) -> Sequence[str]:
-    return f"`{name}`", f"{held_speed:.2f} m/s", f"{fastest:.1f} rad/s", f"{100.0 * share:.1f} %"
-
-
-def guest_costs(found: Row) -> str:
-    """Time per step of each framework's own actuators and of ours [us]."""
-    rows = []
-    for title, guest in GUESTS.items():
-        times = list(found[guest]["microseconds_per_step"].values())
-        line = times[1] if len(times) > 2 else None
-        rows.append((title, *("-" if one is None else f"{one:.0f}" for one in (times[0], line, times[-1]))))
-    return _table(("framework", "limits only", "straight line", "this package"), rows)
-
-
-def _integration(name: str) -> Row:
-    return json.loads((RESULTS / "integrations" / f"{name}.json").read_text(encoding="utf-8"))
+    return as_table(("", "measured"), rows)
 
 
 def _lap(lap: Row) -> str:
@@ -342,11 +273,6 @@ def _cell(value: float | None, digits: int = 2) -> str:
 
 def _speed(value: float | None) -> str:
     return "-" if value is None else f"{number(value)} m/s"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 if __name__ == "__main__":
