@@ -26,10 +26,9 @@ from rich.progress import track
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.core.files import atomic_write_json
 from sprintlab.deployment.controller import Controller
-from sprintlab.deployment.interface import PositionFix, RobotState
-from sprintlab.deployment.simulator import LinkOptions, SimulatedWorld, SimulatorOptions
-from sprintlab.deployment.simulator.options import TYPICAL_NOISE
-from sprintlab.deployment.sources import SprintSource
+from sprintlab.deployment.messages import PositionFix, RobotState
+from sprintlab.deployment.operators import SprintSource
+from sprintlab.deployment.simulator import TYPICAL_NOISE, LinkOptions, SimulatedWorld, SimulatorOptions
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import load_robot
 
@@ -64,12 +63,10 @@ def run_sprint(condition: Condition, seed: int, top_speed: float) -> dict[str, A
     trial = TrialSettings(
         seed=seed, friction=float(random.uniform(0.7, 1.0)), payload=float(random.uniform(-1.0, 1.0))
     )
-    options = SimulatorOptions(
-        trial=trial, to_controller=condition.link(), to_robot=condition.link(), noise=TYPICAL_NOISE, seed=seed
-    )
+    options = SimulatorOptions(trial=trial, noise=1.0, seed=seed)
     policy = load_policy(shipped_policy())
     robot = load_robot(policy.contract.robot_name)
-    world = SimulatedWorld(robot, options)
+    world = SimulatedWorld(robot, options, condition.link())
     source = SprintSource(top_speed)
     controller = Controller(policy, robot, source)
     return _drive(world, controller, source)
@@ -152,7 +149,7 @@ def _write(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
     result = {
         "policy": "sprint",
         "top_speed_m_s": arguments.top_speed,
-        "noise": asdict(TYPICAL_NOISE),
+        "noise": TYPICAL_NOISE,
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "versions": {name: metadata.version(name) for name in ("mujoco", "numpy", "onnxruntime")},
         "rows": rows,

@@ -57,7 +57,7 @@ def pytest_collection_finish() -> None:
 def _patient_logs() -> Iterator[None]:
     """A log's writer may take long where the machine is busy; the test of a stopped one waits less."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sprintlab.deployment.log.run_log._PATIENCE", 120.0)
+        patch.setattr("sprintlab.deployment.log.writer._PATIENCE", 120.0)
         yield
 
 

@@ -11,8 +11,7 @@ import sprintlab as sl
 from sprintlab.api.log_trial import logged_run
 from sprintlab.control import shipped_policy
 from sprintlab.core.errors import UnwrittenError
-from sprintlab.deployment.log import McapRunLog, read_log
-from sprintlab.deployment.log.topics import LogError
+from sprintlab.deployment.log import LogError, McapRunLog, read_log
 from sprintlab.robots import load_robot
 from sprintlab.robots.loader import robot_table_path
 

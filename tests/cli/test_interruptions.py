@@ -85,7 +85,7 @@ def test_who_asks_again_while_a_robot_is_left_is_told_its_numbers_all_the_same(m
                 os.kill(os.getpid(), number)
 
     report = SimpleNamespace(to_dict=lambda: {"duration": 1.0}, fall_reason="")
-    monkeypatch.setattr("sprintlab.deployment.bus.open_endpoint", lambda bus: Leaving())
+    monkeypatch.setattr("sprintlab.deployment.transports.open_endpoint", lambda bus: Leaving())
     monkeypatch.setattr("sprintlab.deployment.simulator.SimulatedWorld", lambda *_: None)
     monkeypatch.setattr("sprintlab.deployment.simulator.run_simulator", lambda *_, **__: report)
     assert main(["robot-sim", "--lock-step", "--json"]) == 0

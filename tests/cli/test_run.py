@@ -8,8 +8,8 @@ import pytest
 import sprintlab as sl
 from sprintlab import control
 from sprintlab.api import robot_bus
-from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import run_loop
+from sprintlab.deployment.transports import open_endpoint
 
 BEYOND = "unitree://go2@no-such-interface"
 

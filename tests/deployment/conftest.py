@@ -18,21 +18,19 @@ from tests.deployment.quick import COARSE, hurry
 
 from sprintlab.commands import heading_command
 from sprintlab.control import Policy, load_policy, shipped_policy
-from sprintlab.deployment.bus import open_bus, open_endpoint
-from sprintlab.deployment.bus.ends import COMMAND, STATE
-from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.deployment.controller import Controller
-from sprintlab.deployment.interface import (
+from sprintlab.deployment.messages import (
     ControlTick,
     JointCommand,
     JointMode,
-    OperatorCommand,
     PositionFix,
-    Request,
     RobotState,
-    SourceView,
 )
+from sprintlab.deployment.operators.base import CommandSource, OperatorCommand, Request, SourceView
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
+from sprintlab.deployment.transports import open_bus, open_endpoint, unitree_ends
+from sprintlab.deployment.transports.ends import COMMAND, STATE, Carrier
+from sprintlab.deployment.transports.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.motors import torque_limits
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription, load_robot
@@ -40,40 +38,26 @@ from sprintlab.robots import RobotDescription, load_robot
 MILLISECOND = 1_000_000
 
 
-@dataclass
-class StraightSource:
-    """Stand up, run straight at ``speed`` and go on until told otherwise."""
+class StraightSource(CommandSource):
+    """Stand up, run straight at 8 m/s and go on until told otherwise."""
 
-    speed: float = 8.0
-    sequence: int = 0
+    speed = 8.0
     request: Request | None = None
 
     def read(self, view: SourceView) -> OperatorCommand | None:
-        self.sequence += 1
         usual = {"passive": Request.STAND, "stand": Request.RUN}.get(view.mode, Request.NONE)
-        yaw_rate = float(heading_command(view.heading, view.lateral_offset, self.speed))
-        return OperatorCommand(
-            sequence=self.sequence,
-            velocity=np.array([self.speed, 0.0, yaw_rate]),
-            request=usual if self.request is None else self.request,
-        )
+        offset = 0.0 if view.track is None else view.track.offset
+        velocity = np.array([self.speed, 0.0, float(heading_command(view.heading, offset, self.speed))])
+        return OperatorCommand(velocity, usual if self.request is None else self.request)
 
 
 class Sent(NamedTuple):
-    """A command that left a controller.
-
-    Attributes:
-        command: as it left.
-        state: the last that the controller has accepted.
-        fresh: whether the robot was heard of lately; the torque of a damper is not known where not.
-        age: of the state when the command acts [s]: the envelope is that of the speeds that a motor can
-            reach in it.
-    """
+    """A command that left a controller, the last state that it had accepted, and what was known of that."""
 
     command: JointCommand
     state: RobotState | None
-    fresh: bool
-    age: float
+    fresh: bool  # the robot was heard of lately; the torque of a damper is not known where not
+    age: float  # of the state when the command acts [s]
 
 
 def check_safe(sent: Sequence[Sent], robot: RobotDescription) -> None:
@@ -92,7 +76,7 @@ def check_safe(sent: Sequence[Sent], robot: RobotDescription) -> None:
 
 
 def check_torques(group: Sequence[Sent], parts: np.ndarray, robot: RobotDescription, mode: JointMode) -> None:
-    """Whether commands of one mode ask for torques that the motors can give, and none into a stop."""
+    """Commands of one mode ask for torques that the motors can give, and none into a stop."""
     known = [item.state is not None for item in group]
     assert all(known) or mode == JointMode.DAMPING
     group, (target, feedforward, stiffness, damping) = (
@@ -148,12 +132,27 @@ class Rig:
         """Of the trunk along x [m/s]."""
         return float(self.simulated.plant.data.qvel[0])
 
+    def carry_over(self, bus: tuple[Any, Any]) -> None:
+        """From now on messages take a bus, whose bytes pass the hooks."""
+        self.bus = interface, endpoint = bus
+        for end, channel, hook in ((endpoint, STATE, "on_bytes"), (interface, COMMAND, "on_command_bytes")):
+            end.carrier.put = self._hooked(end.carrier.put, channel, hook)
+
+    def _hooked(self, put: Callable[..., None], changed: str, hook: str) -> Callable[[str, bytes], None]:
+        return lambda channel, content: put(
+            channel, getattr(self, hook)(content) if channel == changed else content
+        )
+
     def step(self) -> ControlTick:
         """One step of the controller, then of the robot until the controller's next one."""
         return self._steps(1, lambda tick: False)
 
     def _step(self) -> tuple[ControlTick, Sent]:
-        states = self.to_controller(self.on_states([self.simulated.state(self.now)]))
+        states = self.on_states([self.simulated.state(self.now)])
+        if self.bus is not None:
+            for state in states:
+                self.bus[1].publish(state)
+            states = list(iter(self.bus[0].receive, None))
         tick = self.controller.step(self.now, states, self.on_fix(self.simulated.fix(self.now)))
         if self.heard[0] is not tick.state:
             self.heard = tick.state, tick.time
@@ -170,24 +169,14 @@ class Rig:
         self.ticks.append(tick)
         return tick, sent
 
-    def to_controller(self, states: list[RobotState]) -> list[RobotState]:
-        """Carry states over the bus, if there is one."""
-        if self.bus is None:
-            return states
-        interface, endpoint = self.bus
-        for state in states:
-            endpoint._put(STATE, self.on_bytes(endpoint._encode(state)))
-        return list(iter(interface.receive, None))
-
     def to_robot(self, command: JointCommand) -> None:
-        """The same for a command; what the robot's end drops does not reach the robot."""
-        if self.bus is None:
-            self.simulated.accept(command)
-            return
-        interface, endpoint = self.bus
-        interface._put(COMMAND, self.on_command_bytes(interface._encode(command)))
-        for arrived in iter(endpoint.receive_command, None):
-            self.simulated.accept(arrived)
+        """A command on its way; what the robot's end drops does not reach the robot."""
+        arrived = [command]
+        if self.bus is not None:
+            self.bus[0].send(command)
+            arrived = list(iter(self.bus[1].receive_command, None))
+        for each in arrived:
+            self.simulated.accept(each)
 
     def age(self, state: RobotState | None) -> float:
         """How old a state is when the answer to it acts [s], from the command that it names."""
@@ -220,7 +209,7 @@ class Rig:
 
 @dataclass
 class Snapshot:
-    """A rig at one moment, to be continued many times."""
+    """A rig at one moment, to be continued many times; one at a time, since the robot is the same."""
 
     rig: Rig
     policy: Policy
@@ -258,7 +247,7 @@ def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tup
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standing up and sinking in two thirds of their times, where a test is not about how that is done."""
+    """Standing up and sinking in four fifths of their times, where a test is not about how that is done."""
     hurry(monkeypatch.setattr)
 
 
@@ -291,7 +280,7 @@ def lying_robot(make_rig: Callable[..., Rig], sprint_policy: Policy) -> Snapshot
 
 @pytest.fixture
 def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
-    """The lying robot with a new controller for a source; one at a time, since the robot is the same."""
+    """The lying robot with a new controller for a source."""
 
     def make(source: Any) -> Rig:
         rig = lying_robot.restore()
@@ -319,57 +308,54 @@ def running(gallop: Snapshot) -> Rig:
     return rig
 
 
-class _LoopbackEnd:
-    """Carries bytes through queues of this process."""
+class Loopback(Carrier):
+    """Carries bytes through queues of this process; ``others' command`` holds those of another controller."""
 
     peer_left = False
+    heard = True
 
-    def __init__(self, wires: dict[str, deque[bytes]], reads: str, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._wires, self._reads = wires, reads
+    def __init__(self, wires: dict[str, deque[bytes]], reads: str) -> None:
+        self.wires, self._reads = wires, reads
 
-    def _take(self, channel: str) -> bytes | None:
-        name = channel if channel == self._reads else f"others' {channel}"
-        waiting = self._wires.get(name)
+    def take(self, channel: str) -> bytes | None:
+        waiting = self.wires.get(channel if channel == self._reads else f"others' {channel}")
         return waiting.popleft() if waiting else None
 
-    def _put(self, channel: str, content: bytes) -> None:
-        self._wires.setdefault(channel, deque()).append(content)
+    def put(self, channel: str, content: bytes) -> None:
+        self.wires.setdefault(channel, deque()).append(content)
+
+    @property
+    def is_heard(self) -> bool:
+        return self.heard
 
     def close(self) -> None:
         """Nothing to let go of."""
 
 
-class LoopbackController(_LoopbackEnd, UnitreeControllerEnd):
-    """The controller's end that speaks Unitree's messages without a DDS library."""
-
-
-class LoopbackRobot(_LoopbackEnd, UnitreeRobotEnd):
-    """The robot's end of it."""
-
-
-def loopback(session: int) -> tuple[LoopbackController, LoopbackRobot]:
-    """Both ends; what is put under ``others' command`` comes from another controller."""
+def loopback(session: int) -> tuple[UnitreeControllerEnd, UnitreeRobotEnd]:
+    """Both ends of a bus that speaks Unitree's messages without a DDS library."""
     wires: dict[str, deque[bytes]] = {}
-    return LoopbackController(wires, STATE, session), LoopbackRobot(wires, COMMAND)
+    return UnitreeControllerEnd(Loopback(wires, STATE), session), UnitreeRobotEnd(Loopback(wires, COMMAND))
 
 
 @pytest.fixture
-def unitree_loopback() -> Callable[[int], tuple[LoopbackController, LoopbackRobot]]:
+def unitree_loopback() -> Callable[[int], tuple[UnitreeControllerEnd, UnitreeRobotEnd]]:
     return loopback
 
 
 @pytest.fixture
-def running_on_unitree(running: Rig) -> Rig:
-    """The gallop, continued over Unitree's messages, as if they had carried it from its start."""
-    running.bus = interface, endpoint = loopback(running.controller.session)
+def running_on_unitree(running: Rig, monkeypatch: pytest.MonkeyPatch) -> Rig:
+    """The gallop, continued over 1000 of Unitree's messages a second, as if they had carried it so far."""
+    monkeypatch.setattr(unitree_ends, "_SLACK", unitree_ends.PERIOD)
+    interface, endpoint = loopback(running.controller.session)
+    running.carry_over((interface, endpoint))
     state, numbers = running.controller.state, interface._numbers
     milliseconds = state.timestamp // MILLISECOND
     numbers._last, numbers._time, numbers._number = milliseconds % 2**32, milliseconds, state.sequence
     interface._sent.extend(sorted(running.sent.items())[-interface._sent.maxlen :])
     interface._answered = running.controller._answer
     command = running.simulated._command
-    running.simulated._command = replace(command, session=endpoint._author, sequence=endpoint._received)
+    running.simulated._command = replace(command, session=endpoint.carrier.author, sequence=0)
     return running
 
 
@@ -384,7 +370,7 @@ def running_on_bus(request: pytest.FixtureRequest, running: Rig, bus_name: str) 
         closing(open_endpoint(address)) as endpoint,
         closing(open_bus(address, session=running.controller.session)) as interface,
     ):
-        running.bus = interface, endpoint
+        running.carry_over((interface, endpoint))
         yield running
 
 

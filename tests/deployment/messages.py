@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.deployment.interface import JointCommand, JointMode, PositionFix, RobotState
+from sprintlab.deployment.messages import JointCommand, JointMode, PositionFix, RobotState
 
 
 def make_state(sequence: int = 1, **changes: Any) -> RobotState:

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 
-from sprintlab.deployment.controller import loop, modes
+from sprintlab.deployment.controller import loop, modes, motion
 from sprintlab.deployment.simulator import loop as simulator_loop
 from sprintlab.plant import PlantOptions
 
@@ -13,8 +13,8 @@ COARSE = {"timestep": 0.0005, "contact_time_constant": 0.001}
 
 def hurry(change: Callable[[object, str, object], None] = setattr) -> None:
     """Stand up and sink in four fifths of their times; harder, and a policy falls on coarse steps."""
-    for name in ("_TUCK_TIME", "_RISE_TIME", "_SINK_TIME"):
-        change(modes, name, 0.8 * getattr(modes, name))
+    for name in ("TUCK_TIME", "RISE_TIME", "SINK_TIME"):
+        change(motion, name, 0.8 * getattr(motion, name))
 
 
 def main(*arguments: str) -> None:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from tests.deployment.safety import test_fault_matrix as matrix
+from tests.deployment.guard import test_fault_matrix as matrix
 
-from sprintlab.deployment.safety import RESPONSES
+from sprintlab.deployment.guard import Fault
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,8 +17,8 @@ def page() -> str:
 
 def test_the_page_lists_every_response_as_it_is(page):
     lines = ["| fault | what it is | reaction | within |", "|---|---|---|---|"]
-    for fault, response in RESPONSES.items():
-        within = f"{1e3 * response.within:g} ms"
-        lines.append(f"| `{fault.value}` | {response.meaning} | {response.reaction.value} | {within} |")
+    for fault in Fault:
+        within = f"{1e3 * fault.within:g} ms"
+        lines.append(f"| `{fault.value}` | {fault.meaning} | {fault.reaction.value} | {within} |")
     assert "\n".join(lines) in page
     assert f"{sum(map(len, (matrix.DROPPED, matrix.STOPPED, matrix.BRAKED)))} faults" in page

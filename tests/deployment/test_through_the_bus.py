@@ -123,21 +123,6 @@ def test_a_robot_that_dies_ends_the_run_in_order(bus):
     assert simulated["simulated_time"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_real_time_run_of_a_few_seconds(bus):
-    robot = start_robot(bus, "--end-with-controller", "--fix-rate", "10")
-    status, run, _, simulated = drive(bus, robot, "--duration", "1")
-    assert run["steps"] > 100
-    assert simulated["commands_accepted"] > 100
-    assert simulated["fall_reason"] == ""
-    busy = (
-        "state-stale",
-        "watchdog-expired",
-        "loop-stalled",
-    )  # ends on a machine with other work
-    assert run["end"] in ("passive", *(f"stop ({fault})" for fault in busy))
-    assert status in (0, 1)
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

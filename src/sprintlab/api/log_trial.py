@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle, wrap_angle
 from sprintlab.core.array_types import FloatArray
-from sprintlab.deployment.log import RunRecord
-from sprintlab.deployment.log.topics import LogError
+from sprintlab.deployment.log import LogError, RunRecord
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.figures import on_envelope
 from sprintlab.evaluation.metrics import trial_metrics
@@ -82,7 +81,7 @@ def _span(record: RunRecord, running: NDArray[np.bool_], tick_time: FloatArray) 
     begin, end = tick_time[running][[0, -1]].tolist() if running.any() else (0.0, 0.0)
     if end - begin < _SHORTEST:
         raise LogError("the log holds less than half a second of running: there is nothing to draw")
-    if not (running & record.column("ticks", "policy_step")).any() or len(record.states) < 2:
+    if not (running & record.column("ticks", "policy_step")).any() or len(record.state_time) < 2:
         raise LogError("the log holds no policy step of the run, or a single state: there is nothing to draw")
     inside = (tick_time >= begin) & (tick_time <= end)
     if inside.sum() < _SPARSEST * (end - begin):

@@ -25,15 +25,14 @@ from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
-from sprintlab.deployment import bus as buses
 from sprintlab.deployment import controller as control
 from sprintlab.deployment import log as logs
 from sprintlab.deployment import simulator as simulators
+from sprintlab.deployment import transports as buses
 from sprintlab.deployment.controller.realtime import lacking
 from sprintlab.deployment.controller.realtime import real_time as scheduled
-from sprintlab.deployment.log.topics import LogError
-from sprintlab.deployment.safety import RESPONSES, Reaction, VelocityLimits
-from sprintlab.deployment.sources import open_source
+from sprintlab.deployment.guard import Reaction
+from sprintlab.deployment.operators import open_source
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import load_robot
@@ -95,7 +94,7 @@ def run(
         with ExitStack() as opened:
             commands = open_source(source, top_speed=speed, distance=distance)
             opened.enter_context(closing(commands))
-            controller = control.Controller(loaded, described, commands, limits=VelocityLimits(forward=speed))
+            controller = control.Controller(loaded, described, commands, top_speed=speed)
             place = None if no_log else log_path(log, bus)
             # The bus before the log: where no robot is found, no empty log is left behind.
             end = opened.enter_context(closing(buses.open_bus(bus, session=controller.session)))
@@ -144,7 +143,7 @@ def _closed(log: logs.McapRunLog | None) -> str | None:
     try:
         if log is not None:
             log.close()
-    except LogError as error:
+    except logs.LogError as error:
         return str(error)
     return None
 
@@ -178,7 +177,7 @@ def _driven(
     finish, begun = getattr(source, "finish_time", None), controller.moving_since
     time = None if finish is None or begun is None else round(finish - begun, 3)
     faults = {fault.value: count for fault, count in controller.fault_counts.items()}
-    grave = any(RESPONSES[fault].reaction is not Reaction.DROP for fault in controller.fault_counts)
+    grave = any(fault.reaction is not Reaction.DROP for fault in controller.fault_counts)
     numbers = {**report.to_dict(), "sprint_time": time, "faults": faults, "log_problem": problem}
     latencies = [{"what": name.replace("_", " "), **each} for name, each in numbers["microseconds"].items()]
     told = {name: value for name, value in numbers.items() if name != "microseconds"}
@@ -251,9 +250,7 @@ def robot_sim(
     options = simulators.SimulatorOptions(
         plant=replace(drive.plant(), bus_voltage=bus_voltage),
         trial=TrialSettings(seed=seed, friction=friction, payload=payload),
-        to_controller=link,
-        to_robot=link,
-        noise=simulators.TYPICAL_NOISE.scaled(noise),
+        noise=noise,
         start=start,
         fix_rate=fix_rate,
         watchdog_timeout=1e-3 * watchdog,
@@ -270,7 +267,8 @@ def robot_sim(
     samples = None if truth is None else _truth_seconds(Path(truth), duration)
     with ExitStack() as interruptible:  # left last, as in ``run``
         with closing(buses.open_endpoint(bus)) as endpoint:
-            world, recorder = simulators.SimulatedWorld(load_robot(robot or default_robot()), options), None
+            described, recorder = load_robot(robot or default_robot()), None
+            world = simulators.SimulatedWorld(described, options, link)
             if samples is not None:
                 plant = world.robot.plant
                 recorder = Recorder(plant, ceil(samples * plant.options.record_rate) + 1)
@@ -281,7 +279,7 @@ def robot_sim(
                     world,
                     endpoint,
                     pace,
-                    marks=(distance,),
+                    mark=distance,
                     recorder=recorder,
                     stopped=lambda: interrupted() > 0,
                     progress=lambda time, way: progress(f"{time:.1f} s, {way:.1f} m", None),

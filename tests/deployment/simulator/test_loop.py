@@ -4,11 +4,13 @@ from collections import Counter
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.deployment.messages import make_command, make_fix, make_state
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import JointMode, RobotStatus
 from sprintlab.deployment.simulator import (
+    Link,
     LinkOptions,
     PaceOptions,
     SimulatedWorld,
@@ -19,12 +21,41 @@ from sprintlab.deployment.simulator import (
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
+STEP = 0.001
+
+
+def send(options, count=500, seed=0):
+    """Send one message a step; the step at which each one arrived."""
+    link, arrived = Link(options, seed), {}
+    for step in range(count + 2500):
+        if step < count:
+            link.push(step * STEP, step)
+        for item in link.pop(step * STEP):
+            arrived[item] = step
+    return arrived
+
+
+@given(delay=st.floats(0.0, 0.05), jitter=st.floats(0.0, 0.05), seed=st.integers(0, 100))
+def test_messages_never_overtake_and_are_neither_early_nor_later_than_the_jitter_allows(delay, jitter, seed):
+    arrived = send(LinkOptions(delay=delay, jitter=jitter), count=200, seed=seed)
+    steps = [arrived[item] for item in range(200)]
+    assert steps == sorted(steps)
+    for item, step in arrived.items():
+        late = (step - item) * STEP
+        assert delay - 1e-5 <= late <= delay + jitter + STEP + 1e-5
+
+
+def test_the_lost_share_is_as_asked_and_the_seed_decides_which():
+    options = LinkOptions(loss=0.2, jitter=0.01)
+    arrived = send(options, count=5000)
+    assert 0.77 < len(arrived) / 5000 < 0.83
+    assert arrived == send(options, count=5000) != send(options, count=5000, seed=5)
 
 
 class Endpoint:
     """A robot's end at which commands wait. What is published is lost, or answered from some message on."""
 
-    peer_left, ready = False, True
+    peer_left, carrier = False, SimpleNamespace(ready=True)
 
     def __init__(self, *waiting, lost=10**6):
         self.waiting, self.lost, self.published, self.fixes = list(waiting), lost, [], []
@@ -43,59 +74,42 @@ class Endpoint:
         self.fixes.append(fix.sequence)
 
 
-def damping(sequence):
-    return make_command(sequence, mode=JointMode.DAMPING)
+class FakeClock:
+    """Time that passes only in a sleep, which takes a little longer than it should."""
 
+    def __init__(self, extra=0.0):
+        self.now, self.extra = 100.0, extra
 
-@pytest.fixture
-def moment(monkeypatch):
-    """The time of a simulated robot's loop [s], in a list: a test lets it pass."""
-    now = [100.0]
-    clock = SimpleNamespace(
-        monotonic=lambda: now[0], monotonic_ns=lambda: round(1e9 * now[0]), sleep=lambda seconds: None
-    )
-    monkeypatch.setattr(loop, "time", clock)
-    return now
+    def monotonic(self):
+        return self.now
+
+    def monotonic_ns(self):
+        return round(1e9 * self.now)
+
+    def sleep(self, seconds):
+        self.now += seconds + self.extra
 
 
 def world_of(**options):
     return SimulatedWorld(ROBOT, SimulatorOptions(start="standing", **options))
 
 
-def test_a_robot_that_was_stopped_does_nothing_of_what_was_sent_before(moment):
-    """A process that stood still for longer than the watchdog: its commands are old, the safe ones too."""
-    delayed = LinkOptions(delay=0.003)
-    world, endpoint = world_of(to_robot=delayed), Endpoint(damping(1), make_command(2))
-    run = loop._RealTime(world, endpoint, PaceOptions(), lambda: False)
-
-    def live(seconds):
-        moment[0] += seconds
-        run.exchange()
-        world.step()
-        return world.robot.state(0).status
-
-    for _ in range(5):
-        status = live(0.001)
-    assert status == RobotStatus.READY and world.robot.accepted == 2
-    endpoint.waiting = [make_command(3)]
-    live(0.001)  # on its way
-    endpoint.waiting = [damping(number) if number == 50 else make_command(number) for number in range(4, 250)]
-    assert live(5.0) == RobotStatus.WATCHDOG_EXPIRED
-    for _ in range(20):
-        assert live(0.001) == RobotStatus.WATCHDOG_EXPIRED
-    assert (world.robot.accepted, world.robot.dropped.total(), world.robot.watchdog_trips) == (2, 247, 1)
-    assert run.report.given_up == pytest.approx(5.0, abs=0.01)
-    endpoint.waiting = [damping(250)]
-    assert [live(0.001) for _ in range(5)][-1] == RobotStatus.READY
+@pytest.mark.parametrize(("extra", "given_up"), [(0.0, 0.0), (0.08, 0.8)])
+def test_time_that_cannot_be_made_up_for_is_given_up_and_counted(monkeypatch, extra, given_up):
+    """A process that the machine leaves alone for 80 ms, ten times."""
+    monkeypatch.setattr(loop, "time", FakeClock(extra))
+    report = run_simulator(world_of(), Endpoint(), PaceOptions(duration=0.01))
+    assert report.simulated_time == pytest.approx(0.01)
+    assert report.given_up == pytest.approx(given_up, abs=0.01)
 
 
-def test_each_reason_for_a_dropped_command_is_told_once_and_counted():
+def test_each_reason_for_a_dropped_command_is_told_once_and_counted(monkeypatch):
     """A command that the bus could not decode is one, too."""
+    monkeypatch.setattr(loop, "time", FakeClock())
     told, expired = [], "the watchdog has expired: only a damping or off command is taken first"
     endpoint = Endpoint(*(make_command(number) for number in range(1, 151)))
     endpoint.refused["a LowCmd_ came damaged: its checksum does not fit"] = 7
-    pace = PaceOptions(duration=0.3, speed_factor=100.0)
-    report = run_simulator(world_of(), endpoint, pace, remark=told.append)
+    report = run_simulator(world_of(), endpoint, PaceOptions(duration=0.3), remark=told.append)
     assert report.drop_reasons[expired] == 150 and report.commands_dropped == 157
     assert sorted(told) == sorted(f"a command was dropped: {reason}" for reason in report.drop_reasons)
     assert report.simulated_time == pytest.approx(0.3) and len(endpoint.published) == 300
@@ -118,24 +132,21 @@ class World:
 
 @pytest.fixture
 def lock_step(monkeypatch):
-    """Makes a robot in lock-step, not a patient one."""
-    monkeypatch.setattr(loop, "_ASK_AGAIN", 0.01)
-    monkeypatch.setattr(loop, "_SECOND_THOUGHT", 0.01)
-    pace = PaceOptions(lock_step=True, patience=0.1)
-    return lambda world, endpoint: loop._LockStep(world, endpoint, pace, lambda: False)
+    """Makes a robot in lock-step."""
+    monkeypatch.setattr(loop, "time", FakeClock())
+    return lambda world, endpoint: loop._Run(world, endpoint, PaceOptions(lock_step=True), lambda: False)
 
 
 def test_a_state_that_was_lost_is_sent_again_and_a_fix_is_not(lock_step):
     """The controller takes a fix that came twice for an old one, which is a fault."""
     world, endpoint = World(make_fix(4), make_state(1)), Endpoint(lost=2)
-    assert lock_step(world, endpoint).exchange()
+    assert lock_step(world, endpoint).answered()
     assert endpoint.published == [1] * 3 and endpoint.fixes == [4]
     assert len(world.commands) == 1
 
 
 def test_a_robot_that_is_not_answered_gives_up(lock_step):
-    """An answer to a state that was not sent yet does not let it run free."""
-    run = lock_step(World(make_state(1)), Endpoint(make_command(1, state_sequence=5001)))
-    assert run.exchange()  # it answered, but does not accept this state
+    run = lock_step(World(make_state(2)), Endpoint(make_command(1, state_sequence=1)))
+    assert run.answered()  # the controller answered, but does not accept this state
     with pytest.raises(SprintlabError, match="has not answered"):
-        run.exchange()
+        run.answered()

@@ -14,37 +14,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sprintlab.commands import heading_angle, heading_command
+from sprintlab.commands import heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.control.calibration import given_speed
 from sprintlab.control.pace import braking_time
 from sprintlab.core.errors import ContractMismatchError
-from sprintlab.deployment import safety as checks
 from sprintlab.deployment.controller import modes
-from sprintlab.deployment.controller.course import Course, LastFix
+from sprintlab.deployment.controller.course import Course
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.outgoing import CommandWriter
-from sprintlab.deployment.interface import (
-    CommandSource,
+from sprintlab.deployment.guard import BodyMonitor, Fault, Reaction, StateMonitor, VelocityLimiter
+from sprintlab.deployment.guard.monitors import trunk_tilt
+from sprintlab.deployment.messages import (
+    COMMAND_BOUNDS,
     ControlTick,
     FloatArray,
     JointCommand,
-    OperatorCommand,
     PositionFix,
-    Request,
     RobotState,
     RobotStatus,
-    SourceView,
-    new_session,
 )
-from sprintlab.deployment.safety import Fault, Reaction, SafetySettings, VelocityLimits
+from sprintlab.deployment.operators.base import CommandSource, OperatorCommand, Request, SourceView
+from sprintlab.deployment.transports.address import new_session
 from sprintlab.robots import RobotDescription
 
 POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
 
 _WARM_UP_STEPS = 20
-_LATE_WINDOW = 50  # policy steps
+_LATE_WINDOW, _LATE_STEPS = 50, 10  # policy steps looked at, and late ones among them that are a fault
+_LATE = 0.005  # s of delay from which a policy step counts as late
+_STALL = 0.040  # s between two steps of the loop that are a fault
+_START_TILT = 30.0  # degrees up to which the robot may stand up
 
 
 class Controller:
@@ -54,12 +55,10 @@ class Controller:
         policy: the loaded policy.
         robot: the robot it drives.
         source: source of the commanded velocity.
-        safety: thresholds.
-        limits: bounds of the commanded velocity.
-        session: number that its commands carry; drawn at random when left out.
+        top_speed: greatest commanded speed [m/s].
 
     Attributes:
-        session: number that its commands carry.
+        session: number that its commands carry, drawn at random.
         fault_counts: number of times each fault was noticed.
         stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
         policy_time: duration of the last policy step [s].
@@ -71,36 +70,27 @@ class Controller:
     """
 
     def __init__(
-        self,
-        policy: Policy,
-        robot: RobotDescription,
-        source: CommandSource,
-        *,
-        safety: SafetySettings | None = None,
-        limits: VelocityLimits | None = None,
-        session: int | None = None,
+        self, policy: Policy, robot: RobotDescription, source: CommandSource, *, top_speed: float = 12.0
     ) -> None:
-        self.session = new_session() if session is None else session
+        self.session = new_session()
         self._robot, self._source = robot, source
-        self._safety = safety or SafetySettings()
         self._runtime = PolicyRuntime(policy, robot)
-        self._states = checks.StateMonitor(robot, self._safety)
-        self._body = checks.BodyMonitor(robot, self._safety)
+        self._states, self._body = StateMonitor(robot), BodyMonitor(robot)
         self._commands = CommandWriter(robot, self.session)
-        self._operator = checks.SourceMonitor(self._safety.source_timeout)
-        self._limiter = checks.VelocityLimiter(limits or VelocityLimits())
-        _check_braking(policy, self._limiter.limits)
+        self._limiter = VelocityLimiter(top_speed)
+        _check_braking(policy, self._limiter)
+        self._wish = np.zeros(3)  # the last sound one of the source
+        self._heard_at = -math.inf  # the source, last
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
-        self._course = Course(0.0)
+        self._course = Course()
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
         self._start: int | None = None
         self._now, self._time, self._next_policy = 0, 0.0, 0
         self._answer, self._answered_at = 0, -math.inf
-        self._fix = LastFix(self._safety.fix_timeout)
         self._faults: list[Fault] = []
         self._run_started = 0.0
-        self._override: Request | None = None
+        self._override = Request.NONE
         self._behaviour = modes.Behaviour()
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
@@ -117,12 +107,6 @@ class Controller:
     def state(self) -> RobotState | None:
         """The last accepted state."""
         return self._states.last
-
-    @property
-    def robot_obeys_another(self) -> bool:
-        """Whether the robot's last state says that it obeys another controller."""
-        state = self._states.last
-        return state is not None and state.session != 0 and not self._commands.has_sent(state)
 
     @property
     def commanded_speed(self) -> float:
@@ -148,8 +132,7 @@ class Controller:
         """One step of the 1 kHz loop.
 
         Args:
-            now: monotonic clock [ns], above that of the step before; a clock that runs back as far as a loop
-                may stand still counts as a loop that did.
+            now: monotonic clock [ns], above that of the step before.
             states: states that arrived since then, in order of arrival.
             fix: a position fix that arrived.
 
@@ -161,7 +144,7 @@ class Controller:
         self._watch_loop(now)
         for state in states:
             self._take_state(state)
-        if fix is not None and not self._fix.take(fix, self._time):
+        if fix is not None and not self._course.take(fix, self._time):
             self._note(Fault.FIX_INVALID)
         self._watch_link()
         self._react()
@@ -195,8 +178,7 @@ class Controller:
             self._body.check(still, 0.0, carried=True)
             self._states.accept(still, 0.0)
             self._limiter.advance(self._velocity, 0.0)
-            self._view(still)
-            heading_command(0.0, 0.0, 0.0)
+            heading_command(self._course.heading(still), 0.0, 0.0)
         self._runtime.reset()
         self._forget_robot()
 
@@ -209,21 +191,16 @@ class Controller:
     def _watch_loop(self, now: int) -> None:
         if self._start is None:
             self._start = self._now = self._next_policy = now
-        passed = (now - self._now) * 1e-9
-        if passed <= -self._safety.stall_time:  # its own time goes on, or no silence would ever be too long
-            self._start += now - self._now
-            self._next_policy = now
-        self._now, self._time = now, (now - self._start) * 1e-9
-        if abs(passed) >= self._safety.stall_time and self.mode in ACTIVE_MODES:
+        if (now - self._now) * 1e-9 >= _STALL and self.mode in ACTIVE_MODES:
             self._note(Fault.LOOP_STALLED)
+        self._now, self._time = now, (now - self._start) * 1e-9
 
     def _take_state(self, state: RobotState) -> None:
-        faults = self._states.accept(state, self._time)
-        self._note(*faults)
-        if self._states.last is not state:
-            return
-        self._take_answer(state)
-        self._note(*self._body.check(state, self._time, carried=self._behaviour.carried))
+        self._commands.answers = state.sequence
+        self._note(*self._states.accept(state, self._time))
+        if self._states.last is state:
+            self._take_answer(state)
+            self._note(*self._body.check(state, self._time, carried=self._behaviour.carried))
 
     def _take_answer(self, state: RobotState) -> None:
         """Which command the robot obeys: one of ours, later than the one before, or another controller's."""
@@ -240,25 +217,31 @@ class Controller:
             return
         if self._states.stale(self._time):
             self._note(Fault.STATE_STALE)
-        elif self._time - self._answered_at >= self._safety.answer_timeout - 1e-9:
+        elif not self._is_answered:
             self._note(Fault.COMMANDS_UNANSWERED)
         if self._states.last is not None and self._states.last.status & RobotStatus.WATCHDOG_EXPIRED:
             self._note(Fault.WATCHDOG_EXPIRED)
+
+    @property
+    def _is_answered(self) -> bool:
+        return self._time - self._answered_at < Fault.COMMANDS_UNANSWERED.lasts - 1e-9
+
+    @property
+    def _source_lost(self) -> bool:
+        return self._time - self._heard_at >= Fault.SOURCE_LOST.lasts - 1e-9
 
     def _forget_robot(self) -> None:
         """Whatever comes next may be a robot that was restarted."""
         self._states.reset()
         self._body.reset()
-        self._fix.forget()
+        self._course.forget_fix()
         self._answer = 0
 
     # ---- reactions -----------------------------------------------------------------------------------
 
     def _react(self) -> None:
         """Follow the gravest reaction to the faults of this step."""
-        if not self._faults:
-            return
-        reactions = {fault.response.reaction: fault for fault in reversed(self._faults)}
+        reactions = {fault.reaction: fault for fault in reversed(self._faults)}
         if Reaction.STOP in reactions and self.mode in ACTIVE_MODES:
             self._enter_stop(reactions[Reaction.STOP].value)
         elif Reaction.BRAKE in reactions and isinstance(self._behaviour, modes.Run):
@@ -267,7 +250,7 @@ class Controller:
 
     def _enter_stop(self, reason: str) -> None:
         if self.mode is not Mode.STOP:
-            self._behaviour = modes.Stop(self._safety)
+            self._behaviour = modes.Stop()
         self.stop_reason = reason
         self._limiter.reset()
         self._velocity = np.zeros(3)
@@ -280,35 +263,35 @@ class Controller:
         state = self._states.last
         if state is None:
             return
-        self._late.append(behind * 1e-9 > self._safety.late_step)
-        if self.mode is Mode.RUN and sum(self._late) >= self._safety.late_steps and not self.braking:
+        self._late.append(behind * 1e-9 > _LATE)
+        if self.mode is Mode.RUN and sum(self._late) >= _LATE_STEPS and not self.braking:
             self._note(Fault.POLICY_LATE)
-        request, faults = self._operator.accept(self._read_source(state), self._time)
-        self._note(*faults)
-        wanted = request if request == Request.STOP else self._override or request
-        self._obey(wanted, state)
+        request = self._read_source(state)
+        self._obey(request if request == Request.STOP else self._override or request, state)
         if self._behaviour.policy_drives:
             self._run_policy(state)
 
-    def _read_source(self, state: RobotState) -> OperatorCommand | None:
+    def _read_source(self, state: RobotState) -> Request:
+        """Take what the source says: its velocity, if that is sound; returns what it asks for."""
         try:
-            return self._source.read(self._view(state))
+            command = self._source.read(self._view(state))
         except Exception:  # whatever breaks in a device must not break the loop
+            command = OperatorCommand(np.full(3, np.nan))
+        if command is None:
+            return Request.NONE
+        if command.velocity.shape != (3,) or not np.isfinite(command.velocity).all():
             self._note(Fault.SOURCE_INVALID)
-            return None
+            return Request.NONE
+        self._wish, self._heard_at = command.velocity, self._time
+        return command.request
 
     def _view(self, state: RobotState) -> SourceView:
-        fix = self._fix.fresh(self._time)
-        offset, speed = self._course.offset_and_speed(fix)
         return SourceView(
             time=self._time,
-            running_time=self._time - self._run_started if self.mode is Mode.RUN else None,
             mode=self.mode.value,
-            state=state,
-            fix=fix,
-            heading=self._course.relative_heading(state),
-            lateral_offset=offset,
-            forward_speed=speed,
+            running_time=self._time - self._run_started,
+            heading=self._course.heading(state),
+            track=self._course.point(self._time),
         )
 
     def _obey(self, request: Request, state: RobotState) -> None:
@@ -328,41 +311,38 @@ class Controller:
     def _may_leave(self, goal: Mode, state: RobotState) -> bool:
         """Whether the robot is fit for ``goal``; an unfit robot stays where it is."""
         if self.mode is Mode.PASSIVE:
-            return self._ready(state)
+            answered = self._commands.has_sent(state) and self._is_answered
+            at_rest = modes.fastest_joint(state) < modes.REST_SPEED
+            upright = trunk_tilt(state) < _START_TILT
+            return answered and upright and at_rest and state.status == RobotStatus.READY
         if self.mode is Mode.STOP and self._states.stale(self._time):
             return True
-        if goal is Mode.RUN and self._operator.lost(self._time):
+        if goal is Mode.RUN and self._source_lost:
             return False
         return self._behaviour.may_leave(goal, self._time)
 
-    def _ready(self, state: RobotState) -> bool:
-        safety, silence = self._safety, self._time - self._answered_at
-        answered = self._commands.has_sent(state) and silence < safety.answer_timeout
-        upright = checks.trunk_tilt(state) < safety.start_tilt
-        at_rest = modes.fastest_joint(state) < safety.start_speed
-        return answered and upright and state.status == RobotStatus.READY and at_rest
-
     def _run_policy(self, state: RobotState) -> None:
         dt = POLICY_PERIOD_NS * 1e-9
-        if self.mode is Mode.RUN and self._operator.lost(self._time) and not self.braking:
+        if self.mode is Mode.RUN and self._source_lost and not self.braking:
             self._note(Fault.SOURCE_LOST)
             self._react()
         if self._behaviour.brakes:
-            offset, _ = self._course.offset_and_speed(self._fix.fresh(self._time))
-            heading = self._course.relative_heading(state)
-            yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
+            point = self._course.point(self._time)
+            offset = 0.0 if point is None else point.offset
+            yaw_rate = float(heading_command(self._course.heading(state), offset, self.commanded_speed))
             self._velocity = self._limiter.brake(dt, yaw_rate)
         else:
-            self._velocity = self._limiter.advance(self._operator.velocity, dt)
+            self._velocity = self._limiter.advance(self._wish, dt)
         if self.moving_since is None and self._velocity[0] != 0.0:
             self.moving_since = self._time - self._run_started
         begin = clock.perf_counter_ns()
         try:
             targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
         except Exception:  # whatever breaks in a policy must end in a stop, not in a dead loop
-            targets = np.empty(0)
+            targets = np.full(1, np.nan)
         self.policy_time = (clock.perf_counter_ns() - begin) * 1e-9
-        if targets.shape == self._targets.shape and np.isfinite(targets).all():
+        least, greatest = COMMAND_BOUNDS["target_position"]
+        if targets.shape == self._targets.shape and ((least <= targets) & (targets <= greatest)).all():
             self._targets = targets
         else:
             self._note(Fault.POLICY_INVALID)
@@ -379,9 +359,12 @@ class Controller:
             self._velocity = np.zeros(3)
             self._behaviour = modes.LieDown(robot, here, state, self._time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
-            limits = self._limiter.limits
-            self._behaviour = modes.Run(limits.forward / limits.braking, self._estimated_speed)
-            self._start_run(state)
+            self._behaviour = modes.Run(self._limiter.braking_time, self._estimated_speed)
+            self._runtime.reset()
+            self._limiter.reset()
+            self._late.clear()
+            self._course.start(state)
+            self._run_started, self.moving_since = self._time, None
         else:
             self._behaviour = modes.Behaviour()
             if before.mode is Mode.STOP:
@@ -391,13 +374,6 @@ class Controller:
         """Speed of the trunk along the ground, as the policy estimates it [m/s]."""
         estimate = self._runtime.last_estimate
         return None if estimate is None else float(np.hypot(estimate[0], estimate[1]))
-
-    def _start_run(self, state: RobotState) -> None:
-        self._runtime.reset()
-        self._limiter.reset()
-        self._late.clear()
-        self._course = Course(float(heading_angle(state.quaternion)))
-        self._run_started, self.moving_since = self._time, None
 
     def _advance_mode(self) -> None:
         """Leave a mode that has done its work, and move the targets of those without a policy."""
@@ -414,34 +390,28 @@ class Controller:
         if behaviour.motion is not None and not behaviour.policy_drives:
             self._targets = behaviour.motion.target(self._time)
 
-    # ---- what goes out -------------------------------------------------------------------------------
-
     def _command(self, now: int) -> JointCommand:
         state = self._states.last
         if self.mode is Mode.PASSIVE or state is None:
-            return self._commands.off(now, state)
-        if not self._behaviour.damps(self._time):
-            command = self._commands.servo(now, state, self._targets)
-            if command is not None:
-                return command
-            self._note(Fault.POLICY_INVALID)
-            self._enter_stop(Fault.POLICY_INVALID.value)
-        return self._commands.damping(now, state, stale=self._states.stale(self._time))
+            return self._commands.off(now)
+        if self._behaviour.damps(self._time):
+            return self._commands.damping(now, state, stale=self._states.stale(self._time))
+        return self._commands.servo(now, state, self._targets)
 
 
-def _check_braking(policy: Policy, limits: VelocityLimits) -> None:
+def _check_braking(policy: Policy, limiter: VelocityLimiter) -> None:
     """Refuse a policy that goes on at speed when it is told to brake. Raises ``ContractMismatchError``."""
     braking = policy.contract.pace
     if braking is None:
         return
-    calibration, fastest = policy.contract.calibration, limits.forward
+    calibration, fastest = policy.contract.calibration, limiter.top_speed
     if calibration is not None:  # the command that the network is given falls, and it may be the faster one
         fastest = max(fastest, given_speed(calibration, fastest))
-    taken, longest = braking_time(braking, fastest), limits.forward / limits.braking + modes.BRAKE_RESERVE
+    taken, longest = braking_time(braking, fastest), limiter.braking_time + modes.BRAKE_RESERVE
     if taken > longest:
         raise ContractMismatchError(
             f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
-            f"takes {taken:.1f} s from {limits.forward:g} m/s to rest, and a robot may take {longest:.1f} s"
+            f"takes {taken:.1f} s from {limiter.top_speed:g} m/s to rest, and a robot has {longest:.1f} s"
         )
 
 

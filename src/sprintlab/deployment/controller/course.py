@@ -1,4 +1,4 @@
-"""Where a run goes: the line along which it began, and the position fixes that tell how far it is off."""
+"""Where a run goes: the line along which it began, and the position fixes that tell how far the robot is."""
 
 from __future__ import annotations
 
@@ -7,46 +7,26 @@ import math
 import numpy as np
 
 from sprintlab.commands import heading_angle, wrap_angle
-from sprintlab.deployment.interface import FloatArray, PositionFix, RobotState
+from sprintlab.deployment.messages import FloatArray, PositionFix, RobotState
+from sprintlab.deployment.operators.base import TrackPoint
 
 _FARTHEST = 1e8  # m: beyond the coordinates of every map
 _FASTEST = 100.0  # m/s
+_TIMEOUT = 0.5  # s after which a position fix is no longer used
 
 
 class Course:
-    """The line along which a run began: what heading, offset and speed are relative to."""
+    """The line along which a run began, and the last sound position fix."""
 
-    def __init__(self, heading: float) -> None:
-        self.heading = heading
-        self.origin: FloatArray | None = None
-
-    def relative_heading(self, state: RobotState) -> float:
-        """Yaw away from the course [rad]."""
-        return float(wrap_angle(np.asarray(float(heading_angle(state.quaternion)) - self.heading)))
-
-    def offset_and_speed(self, fix: PositionFix | None) -> tuple[float, float | None]:
-        """Offset to the left [m] and speed along the course [m/s]; zero and None without a fix."""
-        if fix is None:
-            return 0.0, None
-        if self.origin is None:
-            self.origin = fix.position
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        east, north = (fix.position - self.origin)[:2].tolist()
-        vx, vy = fix.velocity[:2].tolist()
-        return c * north - s * east, c * vx + s * vy
-
-
-class LastFix:
-    """The last sound position fix.
-
-    Args:
-        timeout: age from which on it is no longer used [s].
-    """
-
-    def __init__(self, timeout: float) -> None:
-        self._timeout = timeout
+    def __init__(self) -> None:
+        self._heading = 0.0
+        self._origin: FloatArray | None = None
         self._fix: PositionFix | None = None
         self._taken_at = 0.0
+
+    def start(self, state: RobotState) -> None:
+        """Begin a run along the robot's present heading."""
+        self._heading, self._origin = float(heading_angle(state.quaternion)), None
 
     def take(self, fix: PositionFix, time: float) -> bool:
         """Keep a fix that arrived at ``time`` [s]; False if it is absurd or not newer than the last."""
@@ -56,10 +36,23 @@ class LastFix:
         self._fix, self._taken_at = fix, time
         return True
 
-    def fresh(self, time: float) -> PositionFix | None:
-        """The fix, unless it is too old at ``time`` [s]."""
-        return self._fix if time - self._taken_at <= self._timeout else None
-
-    def forget(self) -> None:
-        """Take any number of the next fix."""
+    def forget_fix(self) -> None:
+        """Take any number of the next fix: the robot may have been restarted."""
         self._fix = None
+
+    def heading(self, state: RobotState) -> float:
+        """Yaw away from the course [rad]."""
+        return float(wrap_angle(np.asarray(float(heading_angle(state.quaternion)) - self._heading)))
+
+    def point(self, time: float) -> TrackPoint | None:
+        """Where the robot is at ``time`` [s]; None without a fix of the last half second."""
+        age = time - self._taken_at
+        if self._fix is None or age > _TIMEOUT:
+            return None
+        if self._origin is None:
+            self._origin = self._fix.position
+        c, s = math.cos(self._heading), math.sin(self._heading)
+        east, north = (self._fix.position - self._origin)[:2].tolist()
+        vx, vy = self._fix.velocity[:2].tolist()
+        speed = c * vx + s * vy
+        return TrackPoint(c * east + s * north + speed * age, c * north - s * east, speed)

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sprintlab.deployment.interface import FloatArray
-from sprintlab.robots import RobotDescription, leg_signs, shank_with_foot
+from sprintlab.deployment.messages import FloatArray, RobotState
+from sprintlab.robots import RobotDescription, leg_signs
 
 GRAVITY = 9.81  # m/s^2
 
@@ -22,8 +22,8 @@ class Legs:
     ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip; the abduction turns
     this plane, at its offset, about the trunk's forward axis.
 
-    Args:
-        robot: link lengths, limits, mass.
+    Attributes:
+        shortest: least distance of each foot from its hip in that plane [m] ``(legs,)``.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -31,9 +31,6 @@ class Legs:
         front, side = np.array([leg_signs(leg) for leg in robot.leg_names]).T
         self._joints, self._waist = robot.leg_joints, robot.waist
         self._count, self._rear = len(robot.joint_names), front < 0.0
-        rear = mechanics.rear_trunk
-        self._rear_moment = 0.0 if rear is None else GRAVITY * rear.mass * rear.center_of_mass[0]
-        self._mass_moments = _mass_moments(robot)
         self._a, self._b = mechanics.thigh_length, mechanics.shank_length
         self._offset = mechanics.abad_offset * side
         self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros_like(side)), axis=1)
@@ -42,53 +39,49 @@ class Legs:
         folded = folded_pose(robot)[self._joints[:, 2]]
         self.shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))
 
-    def in_plane(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Feet from their hips in the planes of the legs: forward and up [m], each ``(legs,)``."""
-        _, hip, knee = pose[self._joints].T
+    def feet(self, pose: FloatArray) -> FloatArray:
+        """Feet [m] ``(legs, 3)`` from the trunk's middle, in its axes, of a pose [rad] ``(joints,)``."""
+        abad, hip, knee = pose[self._joints].T
         x = -(self._a * np.sin(hip) + self._b * np.sin(hip + knee))
         z = -(self._a * np.cos(hip) + self._b * np.cos(hip + knee))
-        return x, z
+        y = self._offset * np.cos(abad) - z * np.sin(abad)
+        feet = self._axes + np.array((x, y, self._offset * np.sin(abad) + z * np.cos(abad))).T
+        if self._waist is not None:
+            c, s = math.cos(pose[self._waist]), math.sin(pose[self._waist])
+            feet[self._rear] = feet[self._rear] @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        return feet
 
-    def bent(self, abad: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
-        """Pose [rad] ``(joints,)`` with abduction ``abad`` and the feet at ``x``, ``z`` in the legs' planes.
+    def level_feet(self, state: RobotState) -> FloatArray:
+        """Feet from the trunk's middle [m] ``(legs, 3)``, forward along the heading, z along gravity."""
+        w, x, y, z = state.quaternion.tolist()
+        roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+        pitch = -math.asin(min(1.0, max(-1.0, 2.0 * (x * z - w * y))))
+        cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+        levelled = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+        return self.feet(state.joint_position) @ levelled.T
+
+    def pose(self, feet: FloatArray) -> FloatArray:
+        """Pose [rad] ``(joints,)`` that has its feet at ``feet`` [m] ``(legs, 3)``, in the trunk's axes.
 
         What is out of reach comes as near as the legs can, in the same direction.
         """
-        # np.clip takes five times as long.
-        reach = np.minimum(np.maximum(np.hypot(x, z), self.shortest), self._a + self._b)
-        cosine = (reach**2 - self._a**2 - self._b**2) / (2.0 * self._a * self._b)
+        a, b = self._a, self._b
+        x, y, up = (feet - self._axes).T
+        z = -np.sqrt(np.maximum(y**2 + up**2 - self._offset**2, 0.0))
+        turn = np.arctan2(up, y) - np.arctan2(z, self._offset)
+        reach = np.minimum(
+            np.maximum(np.hypot(x, z), self.shortest), a + b
+        )  # np.clip takes five times as long
+        cosine = (reach**2 - a**2 - b**2) / (2.0 * a * b)
         knee = self._bend * np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
-        inner = np.arctan2(self._b * np.sin(knee), self._a + self._b * np.cos(knee))
-        legs = np.array((abad, np.arctan2(-x, -z) - inner, knee))
-        return self._all_joints(legs.T)
+        hip = np.arctan2(-x, -z) - np.arctan2(b * np.sin(knee), a + b * np.cos(knee))
+        return self._all_joints(np.array(((turn + math.pi) % (2.0 * math.pi) - math.pi, hip, knee)).T)
 
     def _all_joints(self, legs: FloatArray) -> FloatArray:
         """Numbers of the legs' joints ``(legs, 3)`` as those of all joints, zero at the waist."""
         joints = np.zeros(self._count)
         joints[self._joints] = legs
         return joints
-
-    def feet(self, pose: FloatArray) -> FloatArray:
-        """Feet from the trunk's middle, in its axes [m] ``(legs, 3)``."""
-        abad = pose[self._joints[:, 0]]
-        x, z = self.in_plane(pose)
-        y, up = (
-            self._offset * np.cos(abad) - z * np.sin(abad),
-            self._offset * np.sin(abad) + z * np.cos(abad),
-        )
-        feet = self._axes + np.array((x, y, up)).T
-        if self._waist is not None:
-            c, s = math.cos(pose[self._waist]), math.sin(pose[self._waist])
-            feet[self._rear] = feet[self._rear] @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-        return feet
-
-    def pose(self, feet: FloatArray) -> FloatArray:
-        """Pose [rad] ``(joints,)`` that has its feet at ``feet`` [m] ``(legs, 3)``, in the trunk's axes."""
-        x, y, up = (feet - self._axes).T
-        z = -np.sqrt(np.maximum(y**2 + up**2 - self._offset**2, 0.0))
-        turn = np.arctan2(up, y) - np.arctan2(z, self._offset)
-        abad = (turn + math.pi) % (2.0 * math.pi) - math.pi
-        return self.bent(abad, x, z)
 
     def within_reach(self, feet: FloatArray, share: float) -> FloatArray:
         """Feet [m] ``(legs, 3)`` from the trunk's middle, raised where a leg were longer than ``share``."""
@@ -113,34 +106,14 @@ class Legs:
     def carrying_torque(self, pose: FloatArray, loads: FloatArray) -> FloatArray:
         """Torques [N m] ``(joints,)`` that hold vertical ``loads`` [N] ``(legs,)`` at the feet: ``-J' f``.
 
-        A waist also carries the weight of the rear half; it is taken to be straight and the robot level.
+        The robot is taken to be level; a waist holds itself.
         """
         abad, hip, knee = pose[self._joints].T
-        x, _ = self.in_plane(pose)
-        sideways = (self.feet(pose) - self._axes)[:, 1]
+        _, sideways, _ = (self.feet(pose) - self._axes).T
         shank = self._b * np.sin(hip + knee)
+        x = -(self._a * np.sin(hip) + shank)
         rise = np.stack((sideways, -x * np.cos(abad), shank * np.cos(abad)), axis=1)
-        torque = self._all_joints(-loads[:, None] * rise)
-        if self._waist is not None:
-            lever = self._axes[:, 0] + x
-            torque[self._waist] = (loads * lever - self._leg_moment(hip, knee))[self._rear].sum()
-            torque[self._waist] -= self._rear_moment
-        return torque
-
-    def _leg_moment(self, hip: FloatArray, knee: FloatArray) -> FloatArray:
-        """Moment of each leg's weight about the waist, legs vertical from the front [N m] ``(legs,)``."""
-        whole, thigh, below, shank = self._mass_moments
-        forward = thigh * np.sin(hip) - below * self._a * np.sin(hip) + shank * np.sin(hip + knee)
-        return GRAVITY * (whole * self._axes[:, 0] + forward)
-
-
-def _mass_moments(robot: RobotDescription) -> tuple[float, float, float, float]:
-    """A leg's mass, the thigh's first moment, the mass below the knee, the shank's [kg, kg m]."""
-    mechanics = robot.mechanics
-    shank, center, _ = shank_with_foot(robot)
-    carrier = 0.0 if mechanics.knee_carrier is None else mechanics.knee_carrier.mass
-    thigh = mechanics.thigh.mass * mechanics.thigh.center_of_mass[2]
-    return mechanics.leg_mass, thigh, shank + carrier, shank * float(center[2])
+        return self._all_joints(-loads[:, None] * rise)
 
 
 def folded_pose(robot: RobotDescription) -> FloatArray:
@@ -156,8 +129,7 @@ def folded_pose(robot: RobotDescription) -> FloatArray:
         lower, upper = robot.position_limits[joints[2]]
         bends_back = robot.default_pose[joints[2]] < 0.0
         knee = float(lower) + reserve if bends_back else float(upper) - reserve
-        hip = math.atan2(-b * math.sin(knee), a + b * math.cos(knee))
-        pose[joints] = 0.0, hip, knee
+        pose[joints] = 0.0, math.atan2(-b * math.sin(knee), a + b * math.cos(knee)), knee
     return pose
 
 
@@ -175,19 +147,3 @@ def tucked_pose(robot: RobotDescription) -> FloatArray:
     reserve = robot.soft_stop.zone + _STOP_RESERVE
     pose[hips] = np.clip(hip, lower + reserve, upper - reserve)
     return pose
-
-
-def level_feet(legs: Legs, pose: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Feet from the trunk's middle [m] ``(legs, 3)``, forward along the heading, z along gravity.
-
-    Args:
-        legs: the robot's legs.
-        pose: joint positions [rad] ``(joints,)``.
-        quaternion: orientation of the trunk, w first.
-    """
-    w, x, y, z = quaternion.tolist()
-    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    pitch = -math.asin(min(1.0, max(-1.0, 2.0 * (x * z - w * y))))
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    levelled = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-    return legs.feet(pose) @ levelled.T

@@ -5,37 +5,34 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
-from sprintlab.deployment.bus.ends import ControllerEnd
 from sprintlab.deployment.controller.controller import Controller
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.realtime import RealTimeGrant, real_time
-from sprintlab.deployment.controller.statistics import LatencyHistogram
-from sprintlab.deployment.interface import (
-    ControlTick,
-    JointCommand,
-    PositionFix,
-    RobotState,
-    RunLog,
-)
+from sprintlab.deployment.messages import ControlTick, JointCommand, RobotState
+from sprintlab.deployment.transports.ends import ControllerEnd
+
+if TYPE_CHECKING:
+    from sprintlab.deployment.log import McapRunLog
 
 PERIOD_NS = 1_000_000
 """Period of the loop [ns]."""
+PERCENTILES = (50.0, 90.0, 99.0, 99.9)
 
 _STOP_DWELL = 2.0  # s in stop before an unattended run ends
 _STATUS_PERIOD = 0.1  # s
 _POLL = 2e-5  # s between two looks at the bus in lock-step
+_BIN = 1e-6  # s
+_BINS = 100_000  # up to 0.1 s; what is longer counts in the last bin
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopOptions:
-    """How the loop runs and when it ends.
-
-    Raises:
-        InvalidValueError: a field is out of range.
-    """
+    """How the loop runs and when it ends; ``InvalidValueError`` where a field is out of range."""
 
     # take time from the robot's states and answer each: a simulated robot then waits for the controller, and
     # the result does not depend on the machine's load
@@ -45,8 +42,7 @@ class LoopOptions:
     duration: float | None = None  # end after this time [s], in order; None for no end
     # an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end
     attended: bool = False
-    # time to wait for the robot's first state, or for another controller to leave it [s]
-    patience: float = 10.0
+    patience: float = 10.0  # time to wait for a robot that is fit to be driven [s]
 
     def __post_init__(self) -> None:
         check_positive("loop.patience", self.patience, "s")
@@ -58,39 +54,61 @@ class LoopOptions:
             check_positive("loop.duration", self.duration, "s")
 
 
+class LatencyHistogram:
+    """Durations counted in bins of one microsecond.
+
+    Attributes:
+        longest: the longest [s].
+    """
+
+    def __init__(self) -> None:
+        self.longest = 0.0
+        self._bins = np.zeros(_BINS, dtype=np.int64)
+
+    def add(self, duration: float) -> None:
+        """Take one duration [s]; negative ones count as zero."""
+        self.longest = max(self.longest, duration)
+        self._bins[min(max(int(duration / _BIN), 0), _BINS - 1)] += 1
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """Count, percentiles and maximum in microseconds; JSON form, None where nothing was counted."""
+        reached = np.cumsum(self._bins)
+        count = int(reached[-1])
+        names = [*(f"p{percent:g}" for percent in PERCENTILES), "max"]
+        if count == 0:
+            return {"count": 0, **dict.fromkeys(names)}
+        ranks = np.ceil(count * np.array(PERCENTILES) / 100.0)
+        edges = np.minimum((np.searchsorted(reached, ranks) + 1) * _BIN, self.longest)  # of the bins
+        values = [round(1e6 * float(value), 1) for value in (*edges, self.longest)]
+        return {"count": count, **dict(zip(names, values, strict=True))}
+
+
 @dataclass(kw_only=True)
 class LoopReport:
     """What the loop measured."""
 
-    # scheduler and memory as the operating system granted them; None in lock-step
-    grant: RealTimeGrant | None = None
+    grant: RealTimeGrant | None = None  # what the operating system granted; None in lock-step
     steps: int = 0  # number of steps of the loop
     policy_steps: int = 0  # number of steps of the policy
     deadline_misses: int = 0  # steps that ended after the next one was due
     skipped: int = 0  # periods passed over to catch up
     wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)  # lateness of each step's beginning
-    # from taking the robot's states to the command
-    compute: LatencyHistogram = field(default_factory=LatencyHistogram)
-    # the policy alone, observation to joint targets
-    policy: LatencyHistogram = field(default_factory=LatencyHistogram)
-    # messages that the bus could not decode, counted by the reason
-    refused: dict[str, int] = field(default_factory=dict)
+    compute: LatencyHistogram = field(default_factory=LatencyHistogram)  # from the states to the command
+    policy: LatencyHistogram = field(default_factory=LatencyHistogram)  # observation to joint targets
+    refused: dict[str, int] = field(default_factory=dict)  # undecodable messages, counted by the reason
     duration: float = 0.0  # by the controller's clock [s]
     end: str = ""  # why the loop ended
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form; durations in microseconds."""
         names = ("steps", "policy_steps", "deadline_misses", "skipped", "refused", "end")
+        latencies = {"policy_step": self.policy, "compute": self.compute, "wake_up": self.wake_up}
         return {
             "memory_locked": self.grant.memory_locked if self.grant else None,
             "priority": self.grant.priority if self.grant else None,
             "duration": round(self.duration, 3),
             **{name: getattr(self, name) for name in names},
-            "microseconds": {
-                "policy_step": self.policy.to_dict(),
-                "compute": self.compute.to_dict(),
-                "wake_up": self.wake_up.to_dict(),
-            },
+            "microseconds": {name: histogram.to_dict() for name, histogram in latencies.items()},
         }
 
 
@@ -102,7 +120,7 @@ def run_loop(
     bus: ControllerEnd,
     options: LoopOptions,
     *,
-    log: RunLog | None = None,
+    log: McapRunLog | None = None,
     interrupted: Callable[[], int] = lambda: 0,
     status: Status = lambda controller, report: None,
 ) -> LoopReport:
@@ -122,12 +140,15 @@ def run_loop(
     loop = _Loop(
         controller=controller, bus=bus, options=options, log=log, interrupted=interrupted, status=status
     )
-    if options.lock_step:
-        loop.run(loop.run_lock_step)
-    else:
-        with real_time(options.priority, options.core) as grant:
-            loop.report.grant = grant
-            loop.run(loop.run_real_time)
+    try:
+        if options.lock_step:
+            loop.run_lock_step()
+        else:
+            with real_time(options.priority, options.core) as grant:
+                loop.report.grant = grant
+                loop.run_real_time()
+    finally:
+        bus.send(controller.last_command(time.monotonic_ns()))
     loop.report.refused = dict(bus.refused)
     return loop.report
 
@@ -139,23 +160,13 @@ class _Loop:
     controller: Controller
     bus: ControllerEnd
     options: LoopOptions
-    log: RunLog | None
+    log: McapRunLog | None
     interrupted: Callable[[], int]
     status: Status
     report: LoopReport = field(default_factory=LoopReport)
     next_status: float = 0.0  # [s]
-    free_at: float = 0.0  # when the robot was last free of another controller [s]
     was_active: bool = False
     stopped_at: float | None = None  # [s]
-    answer_sent: JointCommand | None = None
-    answered: int = 0  # sequence of the state
-
-    def run(self, steps: Callable[[], None]) -> None:
-        """Go through the steps; whatever ends them, the robot hears a last, safe command at once."""
-        try:
-            steps()
-        finally:
-            self.bus.send(self.controller.last_command(time.monotonic_ns()))
 
     def run_real_time(self) -> None:
         due = time.monotonic_ns()
@@ -163,7 +174,7 @@ class _Loop:
             time.sleep(max(due - time.monotonic_ns(), 0) * 1e-9)
             now = time.monotonic_ns()
             self.report.wake_up.add((now - due) * 1e-9)
-            self._step(now, self._drain(), self.bus.receive_fix())
+            self._step(now, list(iter(self.bus.receive, None)))
             due += PERIOD_NS
             late = time.monotonic_ns() - due
             if late > 0:
@@ -173,33 +184,25 @@ class _Loop:
                 due += passed * PERIOD_NS
 
     def run_lock_step(self) -> None:
-        heard = time.monotonic()
+        """Answer every state once; a robot that asks again, since one of the two was lost, hears the same."""
+        answered, answer, heard = 0, None, time.monotonic()
         while not self.report.end:
-            states = self._drain()
-            if states:
-                heard = time.monotonic()
-                self._answer(states)
+            states = list(iter(self.bus.receive, None))
+            # Of a controller that was slow, not deaf, the robot has asked twice: to ask again is no fault.
+            asked = {state.sequence: state for state in states if state.sequence != answered}
+            if asked:
+                answered = states[-1].sequence
+                answer = self._step(states[-1].timestamp, list(asked.values()))
+            elif states and answer is not None:
+                self.bus.send(answer)
             elif time.monotonic() - heard > self.options.patience or self.bus.peer_left:
                 self.report.end = "the robot is gone"
             else:
                 time.sleep(_POLL)
+            heard = time.monotonic() if states else heard
 
-    def _answer(self, states: list[RobotState]) -> None:
-        """A step; or the last answer once more to a robot that asks again, since one of the two was lost."""
-        newest = states[-1]
-        if self.answer_sent is not None and newest.sequence == self.answered:
-            self.bus.send(self.answer_sent)
-            return
-        # Of a controller that was slow, not deaf, the robot has asked twice: to ask again is no fault.
-        asked = {state.sequence: state for state in states if state.sequence != self.answered}
-        self.answer_sent = self._step(newest.timestamp, list(asked.values()), self.bus.receive_fix())
-        self.answered = newest.sequence
-
-    def _drain(self) -> list[RobotState]:
-        return list(iter(self.bus.receive, None))
-
-    def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> JointCommand:
-        tick, report = self.controller.step(now, states, fix), self.report
+    def _step(self, now: int, states: list[RobotState]) -> JointCommand:
+        tick, report = self.controller.step(now, states, self.bus.receive_fix()), self.report
         self.bus.send(tick.command)
         report.steps, report.duration = report.steps + 1, tick.time
         report.compute.add(tick.compute_time)
@@ -218,21 +221,20 @@ class _Loop:
         """Ask the controller to come down when the time is over, and end once it is down."""
         options, mode = self.options, self.controller.mode
         interruptions = self.interrupted()
-        over = options.duration is not None and tick.time >= options.duration
-        if interruptions or over:
+        told = interruptions > 0 or (options.duration is not None and tick.time >= options.duration)
+        if told:
             self.controller.come_down(at_once=interruptions > 1)
         self.was_active = self.was_active or mode in ACTIVE_MODES
-        self.free_at = self.free_at if self.controller.robot_obeys_another else tick.time
-        stopped = mode is Mode.STOP
-        self.stopped_at = (self.stopped_at or tick.time) if stopped else None
-        unattended = not options.attended or interruptions > 0 or over
+        self.stopped_at = (self.stopped_at or tick.time) if mode is Mode.STOP else None
+        unattended = told or not options.attended
+        impatient = tick.time > options.patience and not self.was_active
         if self.bus.peer_left:
             self.report.end = "the robot is gone"
-        elif tick.state is None and tick.time > options.patience:
+        elif impatient and tick.state is None:
             self.report.end = "no robot answers"
-        elif mode is Mode.PASSIVE and tick.time - self.free_at > options.patience:
-            self.report.end = "another controller drives the robot"
-        elif mode is Mode.PASSIVE and (self.was_active or interruptions > 0 or over) and unattended:
+        elif mode is Mode.PASSIVE and (told or (self.was_active and unattended)):
             self.report.end = "passive"
+        elif impatient and unattended:
+            self.report.end = "the robot is not fit to stand up, or obeys another controller"
         elif self.stopped_at is not None and unattended and tick.time - self.stopped_at > _STOP_DWELL:
             self.report.end = f"stop ({self.controller.stop_reason})"

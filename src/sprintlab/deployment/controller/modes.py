@@ -8,24 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from sprintlab.deployment.controller.motion import (
-    FootMotion,
-    Motion,
-    feet_apart,
-    gather_motion,
-    rise_motion,
-    settle_motion,
-    sink_motion,
-)
-from sprintlab.deployment.interface import FloatArray, Request, RobotState
-from sprintlab.deployment.safety import Fault, Persistence, SafetySettings
+from sprintlab.deployment.controller import motion as motions
+from sprintlab.deployment.controller.motion import Motion
+from sprintlab.deployment.guard import Fault, Persistence
+from sprintlab.deployment.messages import FloatArray, RobotState
+from sprintlab.deployment.operators.base import Request
 from sprintlab.robots import RobotDescription
 
-_TUCK_TIME = 1.0  # s
-_RISE_TIME = 1.5  # s
-_SINK_TIME = 1.5  # s
+REST_SPEED = 2.0
+"""Joint speed up to which a joint counts as at rest [rad/s]."""
+_REST_TIME = 0.2  # s of rest before the drives of a stopped robot are switched off
 _DAMP_TIME = 1.0  # s of damping after sinking
-_SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
 _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands
@@ -74,7 +67,7 @@ class Behaviour:
     policy_drives: bool = False
     brakes: bool = False
     held: bool = False
-    motion: Motion | FootMotion | None = None
+    motion: Motion | None = None
 
     def may_leave(self, goal: Mode, time: float) -> bool:
         """Whether the mode has come so far that ``goal`` may follow at ``time`` [s]."""
@@ -103,7 +96,7 @@ class StandUp(Behaviour):
 
     def __init__(self, robot: RobotDescription, here: FloatArray, time: float) -> None:
         self._pose = robot.default_pose
-        self.motion: FootMotion = rise_motion(robot, here, time, _TUCK_TIME, _RISE_TIME)
+        self.motion: Motion = motions.rise_motion(robot, here, time)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Stand, once risen; a fault where the robot is not in its standing pose then."""
@@ -123,7 +116,7 @@ class Stand(Behaviour):
 
     def __init__(self, robot: RobotDescription, here: FloatArray, time: float, before: Behaviour) -> None:
         self.policy_drives, self.held = before.mode is Mode.RUN, before.held
-        self.motion: Motion = settle_motion(here, np.array(robot.default_pose), time, _SETTLE_TIME)
+        self.motion: Motion = motions.settle_motion(robot, here, time)
         self._calm, self._calmed = Persistence(_CALM_TIME), False
 
     def may_leave(self, goal: Mode, time: float) -> bool:
@@ -178,14 +171,8 @@ class Run(Behaviour):
 class LieDown(Behaviour):
     """After a run step the feet below the robot; sink on the belly, then damp.
 
-    Where a run has left the feet, only the policy keeps the balance.
-
-    Args:
-        robot: geometry, mass and gains.
-        here: the pose from which a motion starts without a jump.
-        state: at the start.
-        time: time of the start [s].
-        after_run: whether feet may have to be gathered.
+    Where a run has left the feet, only the policy keeps the balance. ``here`` gives the pose from which a
+    motion starts without a jump.
     """
 
     mode = Mode.LIE_DOWN
@@ -201,22 +188,22 @@ class LieDown(Behaviour):
     ) -> None:
         self._robot, self._here = robot, here
         self._gathers_left = _GATHERS if after_run else 0
-        self.motion: Motion | FootMotion = self._next_motion(state, time)
+        self.motion: Motion = self._next_motion(state, time)
 
-    def _next_motion(self, state: RobotState, time: float) -> Motion | FootMotion:
+    def _next_motion(self, state: RobotState, time: float) -> Motion:
         """Gather the feet as long as they stand apart, then sink over them."""
-        apart = feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
+        apart = motions.feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
         self._gathering = apart and self._gathers_left > 0
         if self._gathering:
             self._gathers_left -= 1
-            return gather_motion(self._robot, state, self._here(state), time)
-        return sink_motion(self._robot, self._here(state), time, _SINK_TIME, _TUCK_TIME)
+            return motions.gather_motion(self._robot, state, self._here(state), time)
+        return motions.sink_motion(self._robot, self._here(state), time)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """From motion to motion; passive after the last one and the damping."""
         if self._gathering and time >= self.motion.end_time:
             self.motion = self._next_motion(state, time)
-        elif not self._gathering and time >= self.motion.end_time + _DAMP_TIME:
+        elif time >= self.motion.end_time + _DAMP_TIME:
             return Mode.PASSIVE
         return None
 
@@ -226,22 +213,21 @@ class LieDown(Behaviour):
 
 
 class Stop(Behaviour):
-    """Damp until an operator lets go."""
+    """Damp until an operator lets go, and until the joints have been at rest for a while."""
 
     mode = Mode.STOP
     ways: ClassVar = {Request.PASSIVE: Mode.PASSIVE}
 
-    def __init__(self, safety: SafetySettings) -> None:
-        self._rest_speed, self._rest = safety.start_speed, Persistence(safety.rest_time)
-        self._rested = False
+    def __init__(self) -> None:
+        self._rest, self._rested = Persistence(_REST_TIME), False
 
     def may_leave(self, goal: Mode, time: float) -> bool:
-        """Once the joints have been at rest for a while: in a gallop all may be slow for a moment."""
+        """Once at rest: in a gallop all joints may be slow for a moment."""
         return self._rested
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Watch the joints come to rest."""
-        self._rested = self._rest.update(fastest_joint(state) < self._rest_speed, time)
+        self._rested = self._rest.update(fastest_joint(state) < REST_SPEED, time)
         return None
 
     def damps(self, time: float) -> bool:

@@ -1,24 +1,20 @@
-"""Joint motions that need no policy: folding, rising, gathering, sinking."""
+"""Motions that need no policy: rising, standing, gathering the feet, sinking."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from sprintlab.deployment.controller.legs import (
-    GRAVITY,
-    Legs,
-    folded_pose,
-    level_feet,
-    tucked_pose,
-)
-from sprintlab.deployment.interface import FloatArray, RobotState
+from sprintlab.deployment.controller.legs import GRAVITY, Legs, folded_pose, tucked_pose
+from sprintlab.deployment.messages import FloatArray, RobotState
 from sprintlab.robots import RobotDescription
 
+TUCK_TIME, RISE_TIME, SINK_TIME, SETTLE_TIME = 1.0, 1.5, 1.5, 0.4
+"""Durations of folding the legs beside the belly, rising, sinking over the feet, taking a pose over [s]."""
 # Of sqrt(height / g), the time in which a robot tips over its feet: what two feet carry must be shorter.
 _SHIFT = 0.17  # until a pair of legs carries all
 _SWING = 0.43  # of the other pair through the air
@@ -31,73 +27,16 @@ _DIAGONALS = ((0, 3), (1, 2))
 _EVERYONE = (0, 1, 2, 3)
 
 
-class Motion:
-    """Joint targets over time: phases, one after the other.
-
-    Args:
-        start_time: [s].
-        phases: duration [s], and targets [rad] ``(joints,)`` by the share of the phase that has passed.
-
-    Attributes:
-        end_time: from when on the targets rest [s].
-    """
-
-    def __init__(self, start_time: float, *phases: tuple[float, Callable[[float], FloatArray]]) -> None:
-        self._start_time, self._phases = start_time, phases
-        self.end_time = start_time + sum(duration for duration, _ in phases)
-
-    def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
-        begin = self._start_time
-        for duration, path in self._phases:
-            if time < begin + duration:
-                return path((time - begin) / duration)
-            begin += duration
-        return self._phases[-1][1](1.0)
-
-
-def settle_motion(start: FloatArray, pose: FloatArray, start_time: float, duration: float) -> Motion:
-    """From one pose to another [rad] ``(joints,)`` in ``duration`` [s], at rest at both ends."""
-    return Motion(start_time, (duration, lambda share: start + (pose - start) * _smooth(share)))
-
-
-def sink_motion(
-    robot: RobotDescription, start: FloatArray, start_time: float, duration: float, tuck_time: float
-) -> Motion:
-    """Straight down over the feet, wherever they stand, then down on the belly: no leg works against another.
-
-    In the plane of each leg the foot keeps its place along the trunk, and rises to the height of the folded
-    pose, or as far as the knee bends. Then all legs turn back to ``tucked_pose``.
-
-    Args:
-        robot: link lengths and limits.
-        start: pose at ``start_time`` [rad] ``(joints,)``.
-        start_time: [s].
-        duration: time of sinking over the feet [s].
-        tuck_time: from there to the belly [s].
-    """
-    legs, tucked = Legs(robot), tucked_pose(robot)
-    abad = start[robot.leg_joints[:, 0]]
-    x, z = legs.in_plane(start)
-    highest = np.maximum(z, -legs.shortest)
-    folded = legs.bent(abad, x, highest)
-    return Motion(
-        start_time,
-        (duration, lambda share: legs.bent(abad, x, z + (highest - z) * _smooth(share))),
-        (tuck_time, lambda share: folded + (tucked - folded) * _smooth(share)),
-    )
-
-
 class FootKey(NamedTuple):
     """Where the feet are at the end of a phase, and what they carry."""
 
     feet: FloatArray  # from the trunk's middle [m] ``(4, 3)``
     loads: FloatArray  # vertical forces [N] ``(4,)``
-    duration: float  # time of the phase that ends here [s]
+    duration: float = 0.0  # time of the phase that ends here [s]; of the first key it counts for nothing
     airborne: tuple[int, ...] = ()  # legs that are lifted meanwhile
 
 
-class FootMotion:
+class Motion:
     """Feet that move from key to key while they carry the robot.
 
     The targets ask for the torques that carry the robot on the feet that stand, and for those that overcome
@@ -105,8 +44,8 @@ class FootMotion:
 
     Args:
         robot: geometry, mass and gains.
-        keys: the first one is where the feet are at the start; its duration counts for nothing.
-        start: targets at ``start_time`` [rad] ``(joints,)``.
+        keys: the first one is where the feet are at the start.
+        start: targets at ``start_time`` [rad] ``(joints,)``; the first phase fades out their difference.
         start_time: [s].
 
     Attributes:
@@ -120,9 +59,12 @@ class FootMotion:
         self._start_time, self._keys = start_time, keys
         self.end_time = start_time + sum(key.duration for key in keys[1:])
         self._jump = start - self._plan(start_time)
+        self._end = self._plan(self.end_time)
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(joints,)`` at ``time`` [s]; the first phase fades out the first jump."""
+        """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
+        if time >= self.end_time:
+            return self._end
         fading = 1.0 - _smooth((time - self._start_time) / self._keys[1].duration)
         return self._plan(time) + self._jump * fading
 
@@ -147,28 +89,57 @@ class FootMotion:
         return self._legs.pose(self._keys[-1].feet), self._keys[-1].loads
 
 
-def gather_motion(
-    robot: RobotDescription, state: RobotState, start: FloatArray, start_time: float
-) -> FootMotion:
+def rise_motion(robot: RobotDescription, start: FloatArray, start_time: float) -> Motion:
+    """From wherever the legs of a lying robot are to the default pose.
+
+    The legs are tucked beside the belly; then all of them turn under the hips and stretch, alike, so that the
+    feet stay where they stand.
+    """
+    legs, tucked = Legs(robot), _tucked(robot)
+    folded = legs.feet(folded_pose(robot))
+    keys = (
+        tucked,
+        FootKey(tucked.feet, legs.loads(tucked.feet, _EVERYONE), TUCK_TIME),
+        FootKey(folded, legs.loads(folded, _EVERYONE), 0.5 * RISE_TIME),
+        _standing(robot)._replace(duration=0.5 * RISE_TIME),
+    )
+    return Motion(robot, keys, start, start_time)
+
+
+def settle_motion(robot: RobotDescription, start: FloatArray, start_time: float) -> Motion:
+    """To the default pose, at rest at both ends."""
+    standing = _standing(robot)
+    return Motion(robot, (standing, standing._replace(duration=SETTLE_TIME)), start, start_time)
+
+
+def sink_motion(robot: RobotDescription, start: FloatArray, start_time: float) -> Motion:
+    """Straight down over the feet, wherever they stand, then on the belly with the legs tucked beside it."""
+    legs = Legs(robot)
+    feet = legs.feet(start)
+    loads, low = legs.loads(feet, _EVERYONE), feet.copy()
+    low[:, 2] = np.maximum(feet[:, 2], -legs.shortest)
+    keys = (
+        FootKey(feet, loads),
+        FootKey(low, loads, SINK_TIME),
+        _tucked(robot)._replace(duration=TUCK_TIME),
+    )
+    return Motion(robot, keys, start, start_time)
+
+
+def gather_motion(robot: RobotDescription, state: RobotState, start: FloatArray, start_time: float) -> Motion:
     """Two steps that bring the feet to where they stand below a robot in its default pose.
 
     First one diagonal pair of feet is lifted and put down, then the other, at the height that the trunk has:
     no foot is dragged while it carries. The pair that carries better, whose line passes nearer below the
     trunk's middle, goes second. A rest on all feet ends the motion: the trunk may still drift a little.
-
-    Args:
-        robot: geometry, mass and gains.
-        state: the robot's state, for the legs' places and the trunk's tilt.
-        start: targets at ``start_time`` [rad] ``(joints,)``.
-        start_time: [s].
     """
     legs = Legs(robot)
     natural = math.sqrt(robot.standing_height / GRAVITY)
     goal = legs.feet(robot.default_pose)
-    feet = level_feet(legs, state.joint_position, state.quaternion)
+    feet = legs.level_feet(state)
     feet[:, 2] = feet[:, 2].min()  # a foot in the air is put down
     feet = legs.within_reach(feet, _LONGEST)
-    keys = [FootKey(feet, legs.loads(feet, _EVERYONE), 0.0)]
+    keys = [FootKey(feet, legs.loads(feet, _EVERYONE))]
     second, first = sorted(_DIAGONALS, key=lambda pair: _distance_from_middle(feet, pair))
     for swinging, carrying in ((first, second), (second, first)):
         moved = feet.copy()
@@ -179,43 +150,25 @@ def gather_motion(
         keys.append(FootKey(moved, legs.loads(moved, _EVERYONE), _LAND * natural))
         feet = moved
     keys.append(FootKey(feet, legs.loads(feet, _EVERYONE), _REST * natural))
-    return FootMotion(robot, keys, start, start_time)
-
-
-def rise_motion(
-    robot: RobotDescription, start: FloatArray, start_time: float, tuck_time: float, rise_time: float
-) -> FootMotion:
-    """From wherever the legs of a lying robot are to the default pose.
-
-    The legs are tucked beside the belly; then all of them turn under the hips and stretch, alike, so that the
-    feet stay where they stand.
-
-    Args:
-        robot: geometry, mass and gains.
-        start: targets at ``start_time`` [rad] ``(joints,)``.
-        start_time: [s].
-        tuck_time: [s].
-        rise_time: [s].
-    """
-    legs = Legs(robot)
-    tucked, folded, standing = (
-        legs.feet(pose) for pose in (tucked_pose(robot), folded_pose(robot), robot.default_pose)
-    )
-    keys = (
-        FootKey(tucked, np.zeros(len(tucked)), 0.0),
-        FootKey(tucked, legs.loads(tucked, _EVERYONE), tuck_time),
-        FootKey(folded, legs.loads(folded, _EVERYONE), 0.5 * rise_time),
-        FootKey(standing, legs.loads(standing, _EVERYONE), 0.5 * rise_time),
-    )
-    return FootMotion(robot, keys, start, start_time)
+    return Motion(robot, keys, start, start_time)
 
 
 def feet_apart(robot: RobotDescription, state: RobotState) -> float:
     """Greatest horizontal distance of a foot from its place in the default pose [m]."""
     legs = Legs(robot)
-    feet = level_feet(legs, state.joint_position, state.quaternion)
-    away = (feet - legs.feet(robot.default_pose))[:, :2]
+    away = (legs.level_feet(state) - legs.feet(robot.default_pose))[:, :2]
     return float(np.hypot(away[:, 0], away[:, 1]).max())
+
+
+def _standing(robot: RobotDescription) -> FootKey:
+    legs = Legs(robot)
+    feet = legs.feet(robot.default_pose)
+    return FootKey(feet, legs.loads(feet, _EVERYONE))
+
+
+def _tucked(robot: RobotDescription) -> FootKey:
+    feet = Legs(robot).feet(tucked_pose(robot))
+    return FootKey(feet, np.zeros(len(feet)))
 
 
 def _distance_from_middle(feet: FloatArray, pair: tuple[int, int]) -> float:

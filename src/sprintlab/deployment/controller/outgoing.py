@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sprintlab.deployment.interface import FloatArray, JointCommand, JointMode, RobotState
-from sprintlab.deployment.safety import CommandGuard, implied_torque
-from sprintlab.deployment.safety.guard import GuardedServo
+from sprintlab.deployment.guard import CommandGuard, GuardedServo, implied_torque
+from sprintlab.deployment.messages import FloatArray, JointCommand, JointMode, RobotState
 from sprintlab.robots import RobotDescription
 
 _LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
@@ -23,7 +22,10 @@ class CommandWriter:
 
     Attributes:
         guard: the gate that every command passes.
+        answers: number of the newest state that has come, which the commands name.
     """
+
+    answers = 0
 
     def __init__(self, robot: RobotDescription, session: int) -> None:
         self.guard = CommandGuard(robot)
@@ -50,32 +52,28 @@ class CommandWriter:
         sent_at = int(self._sent_at[state.command_sequence % _REMEMBERED]) or now
         return max((now - sent_at) * 1e-9 - _REPORTING, 0.0)
 
-    def off(self, now: int, state: RobotState | None) -> JointCommand:
+    def off(self, now: int) -> JointCommand:
         """No torque."""
-        return self._write(now, state, JointMode.OFF, self._off)
+        return self._write(now, JointMode.OFF, self._off)
 
-    def servo(self, now: int, state: RobotState, targets: FloatArray) -> JointCommand | None:
-        """The robot's gains about ``targets`` [rad] ``(joints,)``, within every limit; None without any."""
+    def servo(self, now: int, state: RobotState, targets: FloatArray) -> JointCommand:
+        """The robot's gains about ``targets`` [rad] ``(joints,)``, within every limit."""
         servo = self.guard.servo(targets, state, self.age(state, now))
-        return None if servo is None else self._write(now, state, JointMode.SERVO, servo)
+        return self._write(now, JointMode.SERVO, servo)
 
     def damping(self, now: int, state: RobotState, *, stale: bool) -> JointCommand:
         """Damping within the envelope; the full gains where the joints' speeds are no longer known."""
         servo = self._full_damping if stale else self.guard.damping(state)
-        return self._write(now, state, JointMode.DAMPING, servo)
+        return self._write(now, JointMode.DAMPING, servo)
 
     def bumpless_start(self, state: RobotState) -> FloatArray:
         """Targets [rad] that ask for the torque of the last command: a motion from there begins smoothly."""
-        if self._last is None:
-            return state.joint_position.copy()
-        torque = implied_torque(self._last, state)
+        torque = 0.0 if self._last is None else implied_torque(self._last, state)
         offset = np.clip(torque / self._robot.stiffness, -_LARGEST_SAG, _LARGEST_SAG)
         lower, upper = self._robot.position_limits.T
         return np.clip(state.joint_position + offset, lower, upper)
 
-    def _write(
-        self, now: int, state: RobotState | None, mode: JointMode, servo: GuardedServo
-    ) -> JointCommand:
+    def _write(self, now: int, mode: JointMode, servo: GuardedServo) -> JointCommand:
         self._sequence += 1
         self._sent_at[self._sequence % _REMEMBERED] = now
         self._last = JointCommand(
@@ -83,7 +81,7 @@ class CommandWriter:
             timestamp=now,
             mode=mode,
             **servo._asdict(),
-            state_sequence=state.sequence if state else 0,
+            state_sequence=self.answers,
             session=self._session,
         )
         return self._last

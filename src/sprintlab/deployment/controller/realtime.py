@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,11 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
-_STATUS = Path("/proc/self/status")
-_MAY_LOCK = 14  # CAP_IPC_LOCK
 _LOCK_CURRENT, _LOCK_FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
-_SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK
-_DEFAULT_SLACK = 50_000  # ns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +20,7 @@ class RealTimeGrant:
     """What was granted."""
 
     memory_locked: bool  # no page of the process can be swapped out
-    # priority under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for
-    priority: int | None
+    priority: int | None  # under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for
     remarks: tuple[str, ...]  # missing privileges in words: refused, or not set up on this machine
 
 
@@ -46,26 +40,18 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
     remarks: list[str] = []
     cores, scheduler = os.sched_getaffinity(0), (os.sched_getscheduler(0), os.sched_getparam(0))
     _pin(core, remarks)
-    gc.collect()
-    gc.freeze()
-    collected = gc.isenabled()
     gc.disable()
     locked = _lock_memory(remarks)
     granted = _raise_priority(priority, remarks)
-    _set_timer_slack(1)
     try:
         yield RealTimeGrant(memory_locked=locked, priority=granted, remarks=tuple(remarks))
     finally:
         os.sched_setaffinity(0, cores)
-        if granted is not None:
-            with suppress(OSError):  # a lower priority may be taken without permission, not given back
-                os.sched_setscheduler(0, *scheduler)
+        with suppress(OSError):  # a lower priority may be taken without permission, not given back
+            os.sched_setscheduler(0, *scheduler)
         if locked:
             ctypes.CDLL(None).munlockall()
-        _set_timer_slack(_DEFAULT_SLACK)
-        gc.unfreeze()
-        if collected:
-            gc.enable()
+        gc.enable()
 
 
 def lacking(priority: int | None, core: int | None = None) -> tuple[str, ...]:
@@ -74,14 +60,11 @@ def lacking(priority: int | None, core: int | None = None) -> tuple[str, ...]:
         return grant.remarks
 
 
-def isolated_cores() -> tuple[int, ...]:
+def _isolated_cores() -> set[int]:
     """Cores on which the kernel puts nothing by itself (``isolcpus``)."""
     text = _ISOLATED.read_text(encoding="ascii").strip() if _ISOLATED.is_file() else ""
-    cores: list[int] = []
-    for part in filter(None, text.split(",")):
-        first, _, last = part.partition("-")
-        cores += range(int(first), int(last or first) + 1)
-    return tuple(cores)
+    ranges = (part.partition("-") for part in text.split(",") if part)
+    return {core for first, _, last in ranges for core in range(int(first), int(last or first) + 1)}
 
 
 def _pin(core: int | None, remarks: list[str]) -> None:
@@ -91,29 +74,22 @@ def _pin(core: int | None, remarks: list[str]) -> None:
             os.sched_setaffinity(0, {core})
         except OSError as error:
             remarks.append(f"the loop cannot stay on core {core}: {error.strerror}")
-    if not os.sched_getaffinity(0) <= set(isolated_cores()):
+    if not os.sched_getaffinity(0) <= _isolated_cores():
         remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
 
 
 def _lock_memory(remarks: list[str]) -> bool:
-    library = ctypes.CDLL(None, use_errno=True)
-    unlimited = _unlimited_locks()
-    if library.mlockall(_LOCK_CURRENT | _LOCK_FUTURE if unlimited else _LOCK_CURRENT) == 0:
-        if not unlimited:
-            remarks.append("only the memory taken so far is locked (see ulimit -l unlimited)")
-        return True
-    remarks.append(f"memory is not locked: {os.strerror(ctypes.get_errno())} (see ulimit -l)")
-    return False
-
-
-def _unlimited_locks() -> bool:
-    """Whether memory that is taken later may be locked too: at a limit it would be refused, in mid-run."""
     import resource
 
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
-        return True
-    found = re.search(r"^CapEff:\s*([0-9a-f]+)", _STATUS.read_text(encoding="ascii"), re.MULTILINE)
-    return found is not None and bool(int(found[1], 16) >> _MAY_LOCK & 1)
+    # At a limit, memory that is taken later would be refused in mid-run.
+    unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    flags = _LOCK_CURRENT | _LOCK_FUTURE if unlimited else _LOCK_CURRENT
+    if ctypes.CDLL(None, use_errno=True).mlockall(flags) != 0:
+        remarks.append(f"memory is not locked: {os.strerror(ctypes.get_errno())} (see ulimit -l)")
+        return False
+    if not unlimited:
+        remarks.append("only the memory taken so far is locked (see ulimit -l unlimited)")
+    return True
 
 
 def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
@@ -126,8 +102,3 @@ def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
         remarks.append(f"real-time priority is not permitted: {error.strerror} (see ulimit -r)")
         return None
     return priority
-
-
-def _set_timer_slack(nanoseconds: int) -> None:
-    """How late the kernel may wake a sleeping thread of the normal scheduler to save energy."""
-    ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from sprintlab.core.errors import printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.reading import open_regular
-from sprintlab.deployment.interface import FloatArray
 from sprintlab.deployment.log.topics import CONTRACT_NAME, END_NAME, FACTS_NAME, TOPICS, LogError
+from sprintlab.deployment.messages import FloatArray
 
 LOG_LIMIT = 16 << 30
 """Largest log that is read [bytes]: more than an hour at 1 kHz."""
@@ -28,20 +28,14 @@ class Messages:
     """Messages of one topic."""
 
     time: FloatArray  # when each was noted, by the controller's clock [s] ``(n,)``
-    # name of a field to its values ``(n,)`` or ``(n, k)``; ``faults`` as tuples of names
-    columns: dict[str, NDArray[Any]]
-
-    def __len__(self) -> int:
-        return len(self.time)
+    columns: dict[str, NDArray[Any]]  # each field's values ``(n,)`` or ``(n, k)``; ``faults`` as tuples
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
     """A log in memory. Times are of the controller's clock [s]."""
 
-    # notes about the run; ``robot`` is always there, ``ticks dropped`` unless the controller did not come to
-    # its end
-    facts: dict[str, str]
+    facts: dict[str, str]  # ``robot``, notes about the run, and ``ticks dropped`` if it came to its end
     contract: str  # the policy's contract, JSON
     states: Messages  # the accepted states; their time is when each was accepted
     commands: Messages  # the commands that were sent
@@ -59,11 +53,7 @@ class RunRecord:
         return self.fixes.time
 
     def column(self, topic: str, field: str) -> NDArray[Any]:
-        """One field of every message of ``"states"``, ``"commands"``, ``"fixes"`` or ``"ticks"``.
-
-        Returns:
-            ``(messages,)`` or ``(messages, n)``.
-        """
+        """One field ``(n,)`` or ``(n, k)`` of ``"states"``, ``"commands"``, ``"fixes"`` or ``"ticks"``."""
         return getattr(self, topic).columns[field]
 
 
@@ -80,68 +70,52 @@ def read_log(path: Path) -> RunRecord:
             record = _record(file)
     except (ValueError, LookupError, RuntimeError, MemoryError) as error:
         raise LogError(f"{path} is damaged or no log of sprintlab: {printable(error)}") from error
-    if not (len(record.states) and len(record.ticks)):
+    if not (len(record.states.time) and len(record.ticks.time)):
         raise LogError(f"{path} holds no run: no state or no control step was logged")
     return record
 
 
-@dataclass
-class _Topic:
-    """Messages of one topic as they are read."""
-
-    kind: Any
-    times: list[int] = field(default_factory=list)
-    messages: list[Any] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._decode = msgspec.json.Decoder(self.kind, dec_hook=lambda _, numbers: np.array(numbers, float))
-
-    def add(self, time: int, content: bytes) -> None:
-        """Keep one message; ``msgspec.DecodeError`` where it is another one."""
-        self.times.append(time)
-        self.messages.append(self._decode.decode(content))
-
-    def arrays(self) -> Messages:
-        """One array per field; ``ValueError`` where not all messages have as many numbers in it."""
-        time = 1e-9 * np.array(self.times, float)
-        if (np.diff(time) < 0.0).any():
-            raise ValueError(f"the times of its {self.kind.__name__}s do not rise")
-        columns: dict[str, NDArray[Any]] = {}
-        for name in self.kind.__struct_fields__:
-            values = [getattr(message, name) for message in self.messages]
-            columns[name] = np.fromiter(values, object) if name == "faults" else np.array(values)
-        return Messages(time=time, columns=columns)
-
-
 def _record(file: IO[bytes]) -> RunRecord:
-    topics = {name: _Topic(kind) for name, kind in TOPICS.items()}
+    decoders = {
+        topic: msgspec.json.Decoder(kind, dec_hook=lambda _, numbers: np.array(numbers, float)).decode
+        for topic, kind in TOPICS.items()
+    }
+    found: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
     names: dict[int, str] = {}
     notes: dict[str, dict[str, str]] = {}
     contract = ""
-    for item in _records(file):
+    for item in _items(file):
         kind = type(item).__name__
         if kind == "Channel":
             names[item.id] = item.topic
-        elif kind == "Message" and names[item.channel_id] in topics:
-            topics[names[item.channel_id]].add(item.log_time, item.data)
+        elif kind == "Message" and (topic := names[item.channel_id]) in decoders:
+            found[topic].append((item.log_time, decoders[topic](item.data)))
         elif kind == "Metadata":
             notes[item.name] = item.metadata
         elif kind == "Attachment" and item.name == CONTRACT_NAME:
             contract = item.data.decode()
     if FACTS_NAME not in notes:
         raise ValueError("it says nothing of a robot")
-    states, commands, fixes, ticks = (topic.arrays() for topic in topics.values())
+    states, commands, fixes, ticks = (_arrays(TOPICS[topic], each) for topic, each in found.items())
+    facts = {**notes[FACTS_NAME], **notes.get(END_NAME, {})}
     return RunRecord(
-        facts={**notes[FACTS_NAME], **notes.get(END_NAME, {})},
-        contract=contract,
-        states=states,
-        commands=commands,
-        fixes=fixes,
-        ticks=ticks,
+        facts=facts, contract=contract, states=states, commands=commands, fixes=fixes, ticks=ticks
     )
 
 
-def _records(file: IO[bytes]) -> Iterator[Any]:
+def _arrays(kind: Any, messages: list[tuple[int, Any]]) -> Messages:
+    """One array per field; ``ValueError`` where times fall, or messages have not as many numbers in it."""
+    time = 1e-9 * np.array([noted for noted, _ in messages], float)
+    if (np.diff(time) < 0.0).any():
+        raise ValueError(f"the times of its {kind.__name__}s do not rise")
+    columns: dict[str, NDArray[Any]] = {}
+    for name in kind.__struct_fields__:
+        values = [getattr(message, name) for _, message in messages]
+        columns[name] = np.fromiter(values, object) if name == "faults" else np.array(values)
+    return Messages(time=time, columns=columns)
+
+
+def _items(file: IO[bytes]) -> Iterator[Any]:
     """The records of an MCAP file, to where it was cut off; ``ValueError`` where a whole one is damaged."""
     from mcap.stream_reader import StreamReader
 

@@ -1,19 +1,17 @@
-"""What stands in a log file, and how it goes from the controller to the process that writes it."""
+"""What stands in a log file."""
 
 from __future__ import annotations
 
-import struct
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import FloatArray, JointCommand, PositionFix, RobotState
+from sprintlab.deployment.messages import FloatArray, JointCommand, PositionFix, RobotState
 
 CONTRACT_NAME = "contract.json"
 FACTS_NAME, END_NAME = "sprintlab", "sprintlab_end"
 """Metadata: the facts of the run, and the number of ticks that were dropped."""
-_LENGTH = struct.Struct("<I")
 
 
 class LogError(SprintlabError):
@@ -29,7 +27,7 @@ class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The rest of a ``ControlTick``, beside the messages of the bus."""
+    """The rest of a ``ControlTick``, beside the messages of the bus; its fields are described there."""
 
     time: float
     mode: str
@@ -47,18 +45,3 @@ TOPICS: dict[str, Any] = {
     "/controller/tick": TickRecord,
 }
 """Topics of a log and the types of their messages, which the file holds as JSON."""
-
-
-def pack(content: bytes) -> bytes:
-    """A frame on its way to the file: its length, then its content."""
-    return _LENGTH.pack(len(content)) + content
-
-
-def read_frame(stream: IO[bytes]) -> bytes | None:
-    """Content of the next frame; None at the end, or where the sender was cut off."""
-    head = stream.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        return None
-    (length,) = _LENGTH.unpack(head)
-    content = stream.read(length)
-    return content if len(content) == length else None

@@ -8,17 +8,35 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.bus.ends import RobotEnd
-from sprintlab.deployment.interface import RobotState
-from sprintlab.deployment.simulator.options import PaceOptions
-from sprintlab.deployment.simulator.world import STANDSTILL, SimulatedWorld
+from sprintlab.deployment.messages import RobotState
+from sprintlab.deployment.simulator.world import SimulatedWorld
+from sprintlab.deployment.transports.ends import RobotEnd
 from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
-_SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two states
 _ASK_AGAIN = 2.0  # [s] without any answer in lock-step: the network has dropped the state or the answer
 _POLL = 2e-5  # s between two looks at the bus in lock-step
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaceOptions:
+    """How fast simulated time passes, and when it ends; ``InvalidValueError`` where a field is impossible."""
+
+    speed_factor: float = 1.0  # simulated seconds per second of the clock; 1 is real time
+    # pass one step for each answer of the controller instead, however long that takes. The result then does
+    # not depend on the machine's load
+    lock_step: bool = False
+    duration: float | None = None  # end after this much simulated time [s]; ``None`` for no end
+    end_with_controller: bool = False  # end when a controller that was there has left
+    patience: float = 30.0  # in lock-step, give up when no answer has come for this long [s]
+
+    def __post_init__(self) -> None:
+        check_range("speed_factor", self.speed_factor, 0.01, 100.0)
+        check_positive("patience", self.patience, "s")
+        if self.duration is not None:
+            check_positive("duration", self.duration, "s")
 
 
 @dataclass(kw_only=True)
@@ -28,8 +46,7 @@ class SimulatorReport:
     simulated_time: float = 0.0  # [s]
     distance: float = 0.0  # position along x at the end [m]
     greatest_distance: float = 0.0  # greatest position along x [m]
-    # simulated time at which each metre mark of ``marks`` was passed [s]
-    finish_times: dict[float, float] = field(default_factory=dict)
+    finish_times: dict[float, float] = field(default_factory=dict)  # of the mark, when it was passed [m, s]
     top_speed: float = 0.0  # highest mean speed along x over half a second [m/s]
     fall_reason: str = ""  # empty if the robot did not fall
     commands_accepted: int = 0  # by the robot
@@ -50,7 +67,7 @@ def run_simulator(
     endpoint: RobotEnd,
     pace: PaceOptions,
     *,
-    marks: tuple[float, ...] = (100.0,),
+    mark: float = 100.0,
     recorder: MotionRecorder | None = None,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float], None] = lambda time, distance: None,
@@ -62,7 +79,7 @@ def run_simulator(
         world: robot and links.
         endpoint: the robot's end of the bus; not closed here.
         pace: real time or lock-step, and when to end.
-        marks: distances whose passing is timed [m].
+        mark: distance whose passing is timed [m].
         recorder: takes samples of the true state.
         stopped: asked at every step.
         progress: told simulated time [s] and distance [m] ten times a simulated second.
@@ -72,12 +89,12 @@ def run_simulator(
         SprintlabError: in lock-step, the controller no longer answers.
         SimulationError: the simulated state is no longer finite.
     """
-    run = (_LockStep if pace.lock_step else _RealTime)(world, endpoint, pace, stopped)
+    run = _Run(world, endpoint, pace, stopped)
     told: set[str] = set()
     steps = 0
-    while not stopped() and not run.over() and run.exchange():
+    while not run.over() and (run.answered() if pace.lock_step else run.on_time()):
         world.step(recorder)
-        run.look(marks)
+        run.look(mark)
         steps += 1
         if steps % 100 == 0:
             progress(world.time, run.report.greatest_distance)
@@ -88,7 +105,7 @@ def run_simulator(
 
 
 class _Run:
-    """What both paces share; the report is filled from the true state of the plant."""
+    """The simulation while it runs; the report is filled from the true state of the plant."""
 
     def __init__(
         self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions, stopped: Callable[[], bool]
@@ -98,28 +115,62 @@ class _Run:
         rate = world.robot.plant.options.motor_rate
         self._period = 1.0 / rate
         self._positions: deque[float] = deque(maxlen=round(0.5 * rate) + 1)
-        self._sent = self._answered = 0  # sequences of states
+        self._answered = 0  # sequence of the newest state that was answered
         self._commands = 0
-        self._states: list[RobotState] = []
+        self._next: float | None = None  # when the next step is due [s]
 
     def over(self) -> bool:
         """Whether the run's own end has come."""
         pace = self._pace
         if pace.duration is not None and self._world.time >= pace.duration - 0.5 * self._period:
             return True
-        return pace.end_with_controller and self._commands > 0 and self._endpoint.peer_left
+        return self._stopped() or (pace.end_with_controller and self._controller_left())
 
-    def exchange(self) -> bool:
-        """Messages of one step, out and in; False when the run is over."""
-        raise NotImplementedError
+    def on_time(self) -> bool:
+        """Wait for the next step's moment, then exchange messages."""
+        step = self._period / self._pace.speed_factor
+        self._next = step + (time.monotonic() if self._next is None else self._next)
+        left = self._next - time.monotonic()
+        self.report.late_steps += left < -step
+        time.sleep(max(left, 0.0))
+        lag = time.monotonic() - self._next  # after the sleep, in which the process may have been stopped
+        if lag > _GREATEST_LAG:
+            self.report.given_up += lag
+            self._next += lag
+        self._collect()
+        self._publish(self._messages(time.monotonic_ns()))
+        return True
 
-    def look(self, marks: tuple[float, ...]) -> None:
+    def answered(self) -> bool:
+        """Publish, and wait for the answer to the newest state; False when the run is over.
+
+        Raises:
+            SprintlabError: no answer came in time.
+        """
+        begin = time.monotonic()
+        while not self._endpoint.carrier.ready:
+            if self._stopped():
+                return False
+            self._wait_since(begin)
+        states = self._messages(round(1e9 * self._world.time))
+        newest, begin, asked = self._publish(states), time.monotonic(), 0.0
+        while True:
+            self._collect()
+            if self._answered >= newest:
+                return True
+            if self._stopped() or self._controller_left():
+                return False
+            waited = self._wait_since(begin)
+            if waited - asked > _ASK_AGAIN:
+                asked = waited
+                self._publish(states)
+
+    def look(self, mark: float) -> None:
         """Note where the robot is after a step."""
         report, position = self.report, float(self._world.robot.plant.data.qpos[0])
         report.distance, report.greatest_distance = position, max(report.greatest_distance, position)
-        for mark in marks:
-            if position >= mark:
-                report.finish_times.setdefault(mark, self._world.time)
+        if position >= mark:
+            report.finish_times.setdefault(mark, self._world.time)
         self._positions.append(position)
         if len(self._positions) == self._positions.maxlen:
             report.top_speed = max(report.top_speed, (position - self._positions[0]) / 0.5)
@@ -137,90 +188,27 @@ class _Run:
         report.commands_dropped = sum(report.drop_reasons.values())
         return report
 
-    def _publish(self, timestamp: int) -> int:
-        """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
-        self._states = []
-        for message in self._world.messages(timestamp):
-            if isinstance(message, RobotState):
-                self._states.append(message)
-            else:
-                self._endpoint.publish_fix(message)
-        return self._publish_states()
+    def _controller_left(self) -> bool:
+        return self._commands > 0 and self._endpoint.peer_left
 
-    def _publish_states(self) -> int:
-        newest = max((state.sequence for state in self._states if self._endpoint.publish(state)), default=0)
-        self._sent = max(self._sent, newest)
-        return newest
+    def _messages(self, timestamp: int) -> list[RobotState]:
+        """The states that arrive now; fixes are published."""
+        messages = self._world.messages(timestamp)
+        for message in messages:
+            if not isinstance(message, RobotState):
+                self._endpoint.publish_fix(message)
+        return [message for message in messages if isinstance(message, RobotState)]
+
+    def _publish(self, states: list[RobotState]) -> int:
+        """Send states; returns the newest one's sequence, 0 if none was sent."""
+        return max((state.sequence for state in states if self._endpoint.publish(state)), default=0)
 
     def _collect(self) -> None:
         """Take the commands that wait on the bus."""
         while (command := self._endpoint.receive_command()) is not None:
             self._commands += 1
-            if command.state_sequence <= self._sent:  # else it answers a robot that was there before
-                self._answered = max(self._answered, command.state_sequence)
+            self._answered = max(self._answered, command.state_sequence)
             self._world.hand_over(command)
-
-
-class _RealTime(_Run):
-    """Steps at the pace of the clock."""
-
-    _next: float | None = None
-
-    def exchange(self) -> bool:
-        """Wait for the next step's moment, publish, collect."""
-        step = self._period / self._pace.speed_factor
-        self._next = step + (time.monotonic() if self._next is None else self._next)
-        left = self._next - time.monotonic()
-        self.report.late_steps += left < -step
-        time.sleep(max(left, 0.0))
-        lag = time.monotonic() - self._next  # after the sleep, in which the process may have been stopped
-        if lag > _GREATEST_LAG:
-            self._give_up(lag)
-            self._next += lag
-        self._collect()
-        self._publish(time.monotonic_ns())
-        return True
-
-    def _give_up(self, lag: float) -> None:
-        """Pass over time that cannot be made up for [s], and the commands that came in it: they are old."""
-        self.report.given_up += lag
-        while self._endpoint.receive_command() is not None:
-            self._world.robot.dropped[STANDSTILL] += 1
-        self._world.stand_still(lag * self._pace.speed_factor)
-
-
-class _LockStep(_Run):
-    """One step for each answer."""
-
-    def exchange(self) -> bool:
-        """Publish, and wait for the answer to the newest state that arrived.
-
-        Returns:
-            False when the controller has left, or the robot was told to stop.
-
-        Raises:
-            SprintlabError: no answer came in time.
-        """
-        begin = time.monotonic()
-        while not self._endpoint.ready:
-            if self._stopped():
-                return False
-            self._wait_since(begin)
-        before, newest = self._commands, self._publish(round(1e9 * self._world.time))
-        begin, asked = time.monotonic(), 0.0
-        self._collect()
-        while self._answered < newest:
-            if self._stopped() or (self._commands and self._endpoint.peer_left):
-                self._collect()
-                return self._answered >= newest
-            waited = self._wait_since(begin)
-            if self._commands > before and waited > _SECOND_THOUGHT:
-                return True  # it answered, but does not accept this state
-            if waited - asked > _ASK_AGAIN:
-                asked = waited
-                self._publish_states()  # a fix that came twice would be an old one
-            self._collect()
-        return True
 
     def _wait_since(self, begin: float) -> float:
         """Sleep for a moment; how long it has waited since ``begin`` [s]."""

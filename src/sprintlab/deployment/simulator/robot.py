@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from sprintlab.core.errors import SimulationError
-from sprintlab.deployment.interface import (
+from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.deployment.messages import (
+    WATCHDOG_TIMEOUT,
     FloatArray,
     JointCommand,
     JointMode,
@@ -19,23 +22,55 @@ from sprintlab.deployment.interface import (
     RobotStatus,
     check_command,
 )
-from sprintlab.deployment.simulator.options import SimulatorOptions
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import BlindRecorder, MotionRecorder, Plant
+from sprintlab.plant import BlindRecorder, MotionRecorder, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
+TYPICAL_NOISE = {
+    "joint_position": 0.001,  # [rad]
+    "joint_velocity": 0.05,  # [rad/s]
+    "joint_torque": 0.5,  # [N m]
+    "angular_velocity": 0.01,  # [rad/s]
+    "orientation": 0.005,  # [rad] about each axis
+    "track_position": 0.01,  # [m] of position fixes
+    "track_velocity": 0.03,  # [m/s] of position fixes
+}
+"""Standard deviations of white noise, drawn anew for every message.
+
+Assumed, of the order of 14-bit encoders, an industrial MEMS inertial unit and an RTK receiver."""
 _SETTLING = 2.0  # [s] that a robot takes to sink to the ground
 _UPRIGHT = 0.8  # of the standing height
 _SUDDEN = 0.3  # [s] from upright to the ground; a free fall takes 0.25 s, lying down half a second
 _MOVING = 0.5  # [m/s]
 
 
-class SimulatedRobot:
-    """A plant that behaves on the bus as ``sprintlab.deployment.interface`` asks of a robot.
+@dataclass(frozen=True, kw_only=True)
+class SimulatorOptions:
+    """The robot behind the bus; raises ``InvalidValueError`` where a field is outside its range."""
 
-    Args:
-        robot: the robot to simulate.
-        options: how.
+    plant: PlantOptions = field(default_factory=PlantOptions)  # physics and motors
+    trial: TrialSettings = field(default_factory=TrialSettings)  # friction, payload, initial joint noise
+    noise: float = 0.0  # of the sensors, as a multiple of ``TYPICAL_NOISE``
+    # ``"lying"``: sunk to the ground with damped joints; ``"standing"``: in the default pose
+    start: str = "lying"
+    fix_rate: float = 10.0  # position fixes a second [Hz], 0 for none
+    # without a command for this long, the robot damps its joints by itself [s]
+    watchdog_timeout: float = WATCHDOG_TIMEOUT
+    seed: int = 0  # of noise and links
+
+    def __post_init__(self) -> None:
+        check_choice("simulator.start", self.start, ("lying", "standing"))
+        if self.plant.ground.slope:
+            allowed = "the sensors of the robot behind the bus know level ground only"
+            raise InvalidValueError("simulator.plant.ground.slope", self.plant.ground.slope, allowed)
+        check_range("simulator.noise", self.noise, 0.0, 100.0)
+        check_range("simulator.fix_rate", self.fix_rate, 0.0, 1000.0, "Hz")
+        check_range("simulator.watchdog_timeout", self.watchdog_timeout, 0.001, 10.0, "s")
+        check_range("simulator.seed", self.seed, 0, 2**32 - 1)
+
+
+class SimulatedRobot:
+    """A plant that behaves on the bus as ``sprintlab.deployment.messages`` asks of a robot.
 
     Attributes:
         accepted: commands acted on.
@@ -99,16 +134,14 @@ class SimulatedRobot:
 
     def step(self, recorder: MotionRecorder | None = None) -> None:
         """Live for one motor step."""
-        self._watch()
+        silence = self.time - self._command_time
+        if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
+            self._expired = True
+            self.watchdog_trips += self._command is not None and self._command.mode != JointMode.OFF
         wanted, targets = self._wanted(*self.plant.joint_state())
         self._drive = self.plant.drive_joints(wanted, targets, recorder or BlindRecorder())
         self._steps += 1
         self._notice_falls()
-
-    def stand_still(self, seconds: float) -> None:
-        """Note that it did nothing for so long [s], which its own time does not count: a silence."""
-        self._command_time -= seconds
-        self._watch()
 
     def state(self, timestamp: int) -> RobotState:
         """What the sensors say now; ``timestamp`` in nanoseconds.
@@ -116,7 +149,7 @@ class SimulatedRobot:
         Raises:
             SimulationError: the simulated state is no longer finite.
         """
-        data, noise, noisy = self.plant.data, self._options.noise, self._noisy
+        data, noisy = self.plant.data, self._noisy
         position, velocity = self.plant.joint_state()
         if not math.isfinite(float(data.qpos.sum() + data.qvel.sum())):
             raise SimulationError(f"the simulated state is no longer finite at {self.time:.2f} s")
@@ -125,11 +158,11 @@ class SimulatedRobot:
         return RobotState(
             sequence=self._states,
             timestamp=timestamp,
-            joint_position=noisy(position, noise.joint_position),
-            joint_velocity=noisy(velocity, noise.joint_velocity),
-            joint_torque=noisy(torque, noise.joint_torque),
+            joint_position=noisy(position, "joint_position"),
+            joint_velocity=noisy(velocity, "joint_velocity"),
+            joint_torque=noisy(torque, "joint_torque"),
             quaternion=self._turned(data.qpos[3:7].copy()),
-            angular_velocity=noisy(data.qvel[3:6], noise.angular_velocity),
+            angular_velocity=noisy(data.qvel[3:6], "angular_velocity"),
             bus_voltage=self._bus_voltage,
             command_sequence=0 if self._command is None else self._command.sequence,
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
@@ -142,12 +175,11 @@ class SimulatedRobot:
         if self._options.fix_rate == 0.0 or due + 1e-6 < self._fixes:
             return None
         self._fixes = math.floor(due + 1e-6) + 1
-        noise, data = self._options.noise, self.plant.data
         return PositionFix(
             sequence=self._fixes,
             timestamp=timestamp,
-            position=self._noisy(data.qpos[:3].copy(), noise.track_position),
-            velocity=self._noisy(data.qvel[:3].copy(), noise.track_velocity),
+            position=self._noisy(self.plant.data.qpos[:3], "track_position"),
+            velocity=self._noisy(self.plant.data.qvel[:3], "track_velocity"),
         )
 
     @property
@@ -157,13 +189,6 @@ class SimulatedRobot:
         if supply is None:
             return self._options.plant.bus_voltage or self._robot.bus_voltage
         return supply.bus_voltage
-
-    def _watch(self) -> None:
-        """Take over when no command has come for too long; only another safe command ends that."""
-        silence = self.time - self._command_time
-        if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
-            self._expired = True
-            self.watchdog_trips += self._command is not None and self._command.mode != JointMode.OFF
 
     def _wanted(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint torques asked of the motors [N m] and, for the record, joint targets [rad]."""
@@ -201,17 +226,18 @@ class SimulatedRobot:
         data.qvel[:] = 0.0
         data.time = 0.0
 
-    def _noisy(self, value: FloatArray, deviation: float) -> FloatArray:
+    def _noisy(self, value: FloatArray, name: str) -> FloatArray:
+        """A copy of a sensor's values with noise."""
+        deviation = self._options.noise * TYPICAL_NOISE[name]
         if deviation == 0.0:
             return np.array(value, dtype=float)
         return value + deviation * self._random.standard_normal(value.shape)
 
     def _turned(self, quaternion: FloatArray) -> FloatArray:
         """The orientation, turned by a small random rotation in the body frame."""
-        deviation = self._options.noise.orientation
-        if deviation == 0.0:
+        if self._options.noise == 0.0:
             return quaternion
+        small = np.append(1.0, 0.5 * self._noisy(np.zeros(3), "orientation"))
         turned = np.empty(4)
-        small = np.append(1.0, 0.5 * deviation * self._random.standard_normal(3))
         mujoco.mju_mulQuat(turned, quaternion, small)
         return turned / np.linalg.norm(turned)

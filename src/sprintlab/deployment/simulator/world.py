@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, fields
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
-from sprintlab.deployment.simulator.options import LinkOptions, SimulatorOptions
-from sprintlab.deployment.simulator.robot import SimulatedRobot
+from sprintlab.core.checks import check_range
+from sprintlab.deployment.messages import JointCommand, PositionFix, RobotState
+from sprintlab.deployment.simulator.robot import SimulatedRobot, SimulatorOptions
 from sprintlab.plant import MotionRecorder
 from sprintlab.robots import RobotDescription
 
-STANDSTILL = "the simulation stood still when it came"
-"""Why commands are dropped that waited longer than the robot's watchdog."""
-
 Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """A link, each way; raises ``InvalidValueError`` where a field is outside its range."""
+
+    delay: float = 0.0  # every message takes at least this long [s], 0 to 1
+    jitter: float = 0.0  # and up to this much longer, drawn evenly for each message [s], 0 to 1
+    loss: float = 0.0  # share of messages that never arrive, 0 to 1
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            check_range(f"link.{item.name}", getattr(self, item.name), 0.0, 1.0)
 
 
 class Link(Generic[Item]):
@@ -57,16 +68,18 @@ class SimulatedWorld:
     Args:
         robot: the robot to simulate.
         options: how.
+        link: what lies between robot and controller.
 
     Attributes:
         robot: the simulated robot.
     """
 
-    def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
+    def __init__(
+        self, robot: RobotDescription, options: SimulatorOptions, link: LinkOptions = LinkOptions()
+    ) -> None:
         self.robot = SimulatedRobot(robot, options)
-        seed = options.seed
-        self._states: Link[RobotState | PositionFix] = Link(options.to_controller, seed + 1)
-        self._commands: Link[JointCommand] = Link(options.to_robot, seed + 2)
+        self._states: Link[RobotState | PositionFix] = Link(link, options.seed + 1)
+        self._commands: Link[JointCommand] = Link(link, options.seed + 2)
 
     @property
     def time(self) -> float:
@@ -82,11 +95,6 @@ class SimulatedWorld:
         for command in self._commands.pop(self.time):
             self.robot.accept(command)
         self.robot.step(recorder)
-
-    def stand_still(self, seconds: float) -> None:
-        """Note that nothing happened here for so long [s], and that the commands on their way are old."""
-        self.robot.dropped[STANDSTILL] += len(self._commands.pop(float("inf")))
-        self.robot.stand_still(seconds)
 
     def messages(self, timestamp: int) -> list[RobotState | PositionFix]:
         """Measure, and return what arrives at the controller now; ``timestamp`` in nanoseconds."""

@@ -1,8 +1,0 @@
-"""Ways to carry messages between a controller and a robot: shared memory, Unitree's DDS messages."""
-
-from sprintlab.deployment.bus.address import BusAddress as BusAddress
-from sprintlab.deployment.bus.address import BusError as BusError
-from sprintlab.deployment.bus.address import leaves_this_machine as leaves_this_machine
-from sprintlab.deployment.bus.address import open_bus as open_bus
-from sprintlab.deployment.bus.address import open_endpoint as open_endpoint
-from sprintlab.deployment.bus.address import parse_address as parse_address
