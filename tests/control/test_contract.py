@@ -26,12 +26,9 @@ def with_observation(contract, **changes):
 
 
 def with_term(contract, index, **changes):
-    terms = set_entry(
-        contract.observation.terms,
-        index,
-        msgspec.structs.replace(contract.observation.terms[index], **changes),
-    )
-    return with_observation(contract, terms=terms)
+    terms = contract.observation.terms
+    changed = msgspec.structs.replace(terms[index], **changes)
+    return with_observation(contract, terms=set_entry(terms, index, changed))
 
 
 def estimating(contract, terms):
@@ -57,15 +54,8 @@ def test_contract_survives_its_json_exactly(contract, robot):
         (lambda c: {"robot_fingerprint": "0" * 12}, "robot_fingerprint"),
         (lambda c: with_term(c, 4, scales=(0.05,) * 11), "observation.joint_velocity numbers"),
         (lambda c: with_term(c, 4, name="joint_speed"), "observation.terms"),
-        (
-            lambda c: with_observation(c, history_order="newest-first"),
-            "observation.history_order",
-        ),
-        (
-            lambda c: {"position_limits": set_entry(c.position_limits, 2, (-2.6, -0.2))},
-            "position_limits[FL_knee]",
-        ),
-        (lambda c: {"estimate": ESTIMATE_TERMS}, "estimate"),
+        (lambda c: with_observation(c, history_order="newest-first"), "observation.history_order"),
+        (lambda c: {"position_limits": ((-2.6, 0.0), *c.position_limits[1:])}, "position_limits[FL_abad]"),
         (lambda c: estimating(c, ESTIMATE_TERMS[::-1]), "estimate"),
     ],
 )
@@ -81,9 +71,7 @@ def test_every_mismatch_is_refused_by_name(contract, robot, change, field):
     [
         {"stiffness": (160.0,) * 11},
         {"default_pose": (float("nan"),) * 12},
-        {"position_limits": ()},
         {"position_limits": ((-1.0, 1.0),) * 11},
-        {"action_limit": 0.0},
         {"policy_rate_hz": float("inf")},
     ],
 )
@@ -99,7 +87,6 @@ def test_impossible_contracts_are_refused(contract, change):
         ({"format_version": 99}, "format 99"),
         ({"unheard_of": 1}, "unheard_of"),
         ({"stiffness": [160.0]}, "stiffness"),
-        ({"seed": None}, "seed"),
     ],
 )
 def test_unreadable_contracts_are_refused_with_the_reason(contract, change, words):

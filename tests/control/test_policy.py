@@ -28,14 +28,11 @@ def test_policy_infers_what_its_matrix_says(write_policy, contract, weights):
         loaded.decide(observation[:, :45])
 
 
-def test_file_that_is_no_onnx(tmp_path):
-    path = tmp_path / "policy.onnx"
+def test_another_file_and_an_onnx_file_without_a_contract_are_refused(tmp_path, write_policy):
+    path = tmp_path / "poem.onnx"
     path.write_text("I am a poem.")
     with pytest.raises(PolicyFileError, match="damaged or not a sprintlab policy"):
         load_policy(path)
-
-
-def test_foreign_onnx_without_a_contract(write_policy):
     with pytest.raises(PolicyFileError, match=f"no {CONTRACT_KEY}"):
         load_policy(write_policy(metadata={"author": "somebody"}))
 
@@ -61,15 +58,14 @@ def test_runtime_equals_the_loop_written_out(write_policy, contract, robot, weig
 
 
 @pytest.mark.parametrize("field", Measurement._fields)
-@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_measurement_that_is_no_number_is_refused_and_leaves_no_trace(write_policy, robot, field, bad):
+def test_a_measurement_that_is_not_finite_is_refused_and_leaves_no_trace(write_policy, robot, field):
     generator = np.random.default_rng(3)
     runtime, untouched = (PolicyRuntime(load_policy(write_policy()), robot) for _ in range(2))
     first, second, command = draw_measurement(generator), draw_measurement(generator), np.zeros(3)
     runtime.step(first, command)
     untouched.step(first, command)
     broken = np.array(getattr(second, field))
-    broken[1] = bad
+    broken[1] = float("nan")
     with pytest.raises(InvalidValueError) as caught:
         runtime.step(second._replace(**{field: broken}), command)
     assert caught.value.field == f"measurement.{field}"
