@@ -37,19 +37,11 @@ class FootKey(NamedTuple):
 
 
 class Motion:
-    """Feet that move from key to key while they carry the robot.
+    """Feet that move from key to key while they carry the robot; ``end_time`` [s] is when they rest.
 
     The targets ask for the torques that carry the robot on the feet that stand, and for those that overcome
-    the drives' damping: ``q + (tau + D dq/dt) / K``.
-
-    Args:
-        robot: geometry, mass and gains.
-        keys: the first one is where the feet are at the start.
-        start: targets at ``start_time`` [rad] ``(joints,)``; the first phase fades out their difference.
-        start_time: [s].
-
-    Attributes:
-        end_time: when the last key is reached [s].
+    the drives' damping: ``q + (tau + D dq/dt) / K``. They begin at ``start`` [rad] ``(joints,)`` at
+    ``start_time`` [s]; the first phase fades out what that differs from the first key.
     """
 
     def __init__(

@@ -14,18 +14,10 @@ _REPORTING = 0.001  # [s] for which a command has acted when a state reports it
 
 
 class CommandWriter:
-    """Writes the commands for one robot. ``state`` is the last one; ``now`` is the monotonic clock [ns].
-
-    Args:
-        robot: to which they go.
-        session: number that they carry.
-
-    Attributes:
-        guard: the gate that every command passes.
-        answers: number of the newest state that has come, which the commands name.
-    """
+    """Writes the commands for one robot. ``state`` is the last one; ``now`` is the monotonic clock [ns]."""
 
     answers = 0
+    """Number of the newest state that has come, which the commands name."""
 
     def __init__(self, robot: RobotDescription, session: int) -> None:
         self.guard = CommandGuard(robot)

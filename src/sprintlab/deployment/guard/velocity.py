@@ -28,7 +28,6 @@ class VelocityLimiter:
         rates: highest rates of change [m/s^2, m/s^2, rad/s^2] ``(3,)``.
 
     Attributes:
-        top_speed: the same.
         velocity: present command: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
     """
 

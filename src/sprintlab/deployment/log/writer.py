@@ -57,19 +57,13 @@ def check_new_log(path: Path) -> None:
 
 
 class McapRunLog:
-    """Becomes an MCAP file.
+    """Becomes an MCAP file; ``dropped`` counts ticks that the writing process was too slow to take.
 
     Args:
-        path: where; must not exist yet.
+        path: where; as ``check_new_log`` allows it.
         facts: the robot, the contract and notes about the run.
         wait: wait for the writing process rather than drop a tick, ten seconds at most: for runs that are not
             in real time.
-
-    Attributes:
-        dropped: ticks that the writing process was too slow to take.
-
-    Raises:
-        SprintlabError: the file exists, nothing can be written there, or the package ``mcap`` is missing.
     """
 
     def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:
@@ -105,11 +99,7 @@ class McapRunLog:
         self.dropped += not whole
 
     def close(self) -> None:
-        """Finish the file; a second call does nothing.
-
-        Raises:
-            LogError: the file could not be written to its end; the message says why.
-        """
+        """Finish the file, once; raises ``LogError`` where it could not be written to its end."""
         stdin, self._writer.stdin = self._writer.stdin, None
         if stdin is None:
             return
@@ -150,11 +140,7 @@ def _next_frame(stream: IO[bytes]) -> bytes | None:
 
 
 def write_log(stream: IO[bytes], file: IO[bytes]) -> bool:
-    """Write every frame of ``stream``: the facts, ticks, number of ticks dropped; whether any tick came.
-
-    Raises:
-        OSError: the disk is full; the file can be read up to there.
-    """
+    """Write every frame of ``stream``: the facts, ticks, number of ticks dropped; whether any tick came."""
     from mcap.writer import CompressionType, Writer
 
     writer = Writer(file, _CHUNK, CompressionType.ZSTD, enable_data_crcs=True)

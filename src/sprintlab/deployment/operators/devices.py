@@ -80,11 +80,7 @@ class KeyboardSource(_DeviceSource):
 
     Args:
         top_speed: highest wish [m/s]; backwards a fifth of it.
-        descriptor: the terminal's file descriptor; standard input when left out.
-
-    Raises:
-        SourceError: it is no terminal.
-        InvalidValueError: the speed is not positive.
+        descriptor: the terminal's file descriptor; standard input when left out, ``SourceError`` without one.
     """
 
     def __init__(self, top_speed: float, descriptor: int | None = None) -> None:
@@ -130,12 +126,8 @@ class GamepadSource(_DeviceSource):
     be stuck.
 
     Args:
-        device: the joystick device.
+        device: the joystick device; ``SourceError`` where it cannot be read, or is something else.
         top_speed: with the stick fully forward [m/s]; backwards a fifth of it.
-
-    Raises:
-        SourceError: there is no such device, it may not be read, or it is something else.
-        InvalidValueError: the speed is not positive.
     """
 
     def __init__(self, device: Path, top_speed: float) -> None:

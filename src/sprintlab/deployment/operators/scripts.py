@@ -83,9 +83,6 @@ class SprintSource(_ScriptedSource):
 
     Attributes:
         finish_time: time from the start of the run to the end of the distance [s].
-
-    Raises:
-        InvalidValueError: a number is not positive.
     """
 
     def __init__(self, top_speed: float, distance: float = 100.0, *, pace: bool = True) -> None:
@@ -111,11 +108,7 @@ class SprintSource(_ScriptedSource):
 
 
 class ProfileSource(_ScriptedSource):
-    """Follows a velocity table from the start of the run, within slew limits: its steps become ramps.
-
-    Args:
-        table: as ``load_velocity_table`` gives it ``(n, 3)``.
-    """
+    """Follows a table of ``load_velocity_table`` from the start of the run; its steps become ramps."""
 
     def __init__(self, table: FloatArray) -> None:
         self._table, self._limiter = table, VelocityLimiter(_FASTEST, OPERATOR_RATES)
@@ -130,10 +123,7 @@ class ProfileSource(_ScriptedSource):
 
 
 def load_velocity_table(path: Path) -> FloatArray:
-    """Read a profile file (CSV).
-
-    Returns:
-        Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)``.
+    """Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)`` of a file.
 
     Raises:
         SourceError: the file cannot be read, or is not of this form.

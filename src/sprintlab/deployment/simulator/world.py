@@ -31,12 +31,7 @@ class LinkOptions:
 
 
 class Link(Generic[Item]):
-    """Messages under way in one direction. They never overtake each other, as in TCP or a serial line.
-
-    Args:
-        options: delay, jitter, loss.
-        seed: decides which messages are late or lost.
-    """
+    """Messages under way in one direction. They never overtake each other, as in TCP or a serial line."""
 
     def __init__(self, options: LinkOptions, seed: int) -> None:
         self._options = options
@@ -63,16 +58,7 @@ class Link(Generic[Item]):
 
 
 class SimulatedWorld:
-    """Robot and links in simulated time. It knows no bus: messages go in and come out.
-
-    Args:
-        robot: the robot to simulate.
-        options: how.
-        link: what lies between robot and controller.
-
-    Attributes:
-        robot: the simulated robot.
-    """
+    """Robot and links in simulated time. It knows no bus: messages go in and come out."""
 
     def __init__(
         self, robot: RobotDescription, options: SimulatorOptions, link: LinkOptions = LinkOptions()

@@ -25,11 +25,11 @@ class BusError(SprintlabError):
 
 
 class BusAddress(NamedTuple):
-    """A parsed address."""
+    """A parsed address: ``"shm"`` or ``"unitree"``, the robot's name, and what follows ``@``."""
 
-    carrier: str  # ``"shm"`` or ``"unitree"``
-    name: str  # the robot's name
-    place: str  # what follows ``@``; empty if nothing does
+    carrier: str
+    name: str
+    place: str
 
 
 def parse_address(address: str) -> BusAddress:

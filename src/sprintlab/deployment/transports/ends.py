@@ -20,13 +20,10 @@ STATE, COMMAND, FIX = "state", "command", "fix"
 
 
 class Carrier(ABC):
-    """Carries bytes from and to the other end, within a few microseconds.
-
-    Attributes:
-        author: number of the program that sent what was taken last, where the carrier tells programs apart.
-    """
+    """Carries bytes from and to the other end, within a few microseconds."""
 
     author: int = 1
+    """Number of the program that sent what was taken last, where the carrier tells programs apart."""
 
     @abstractmethod
     def take(self, channel: str) -> bytes | None:
@@ -57,25 +54,16 @@ class Carrier(ABC):
 
 
 class _End:
-    """One end of a bus.
-
-    Attributes:
-        carrier: what carries the bytes.
-        refused: messages that could not be decoded, counted by the reason.
-    """
+    """One end of a bus; ``refused`` counts messages that could not be decoded by the reason."""
 
     def __init__(self, carrier: Carrier) -> None:
-        self.carrier = carrier
+        self.carrier, self.close = carrier, carrier.close
         self.refused: Counter[str] = Counter()
 
     @property
     def peer_left(self) -> bool:
         """Whether the other end was there and is gone."""
         return self.carrier.peer_left
-
-    def close(self) -> None:
-        """Let go of the bus; a second call does nothing."""
-        self.carrier.close()
 
     def _next(self, channel: str, kind: type[MessageType]) -> MessageType | None:
         while (content := self.carrier.take(channel)) is not None:
@@ -90,12 +78,7 @@ class _End:
 
 
 class ControllerEnd(_End):
-    """The controller's end of a bus.
-
-    Args:
-        carrier: what carries the bytes.
-        session: number of the controller that holds this end.
-    """
+    """The controller's end of a bus; ``session`` is the number of the controller that holds it."""
 
     def __init__(self, carrier: Carrier, session: int) -> None:
         super().__init__(carrier)

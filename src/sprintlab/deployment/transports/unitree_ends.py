@@ -64,12 +64,7 @@ class TickNumbers:
 
 
 class UnitreeControllerEnd(ControllerEnd):
-    """The controller's end: sends ``LowCmd_``, hears ``LowState_`` and the ``LowCmd_`` of others.
-
-    Args:
-        carrier: what carries the bytes; it reads the commands of others, too.
-        session: number of the controller; it is not sent, and tells its commands from those of others.
-    """
+    """The controller's end: sends ``LowCmd_``, hears ``LowState_`` and the ``LowCmd_`` of others."""
 
     def __init__(self, carrier: Carrier, session: int) -> None:
         super().__init__(carrier, session)
