@@ -3,7 +3,7 @@
 Written from the published declarations (unitree_sdk2_python at 37116c5, BSD 3-Clause); nothing here needs a
 DDS library. A message is a C struct in memory, over which its checksum runs, and a CDR stream on the wire:
 the same numbers in the same order, but each aligned to its own size and without the struct's end padding.
-``tests/deployment/bus/unitree_vectors.json`` holds bytes and checksums made by Unitree's own code.
+``tests/deployment/transports/unitree_vectors.json`` holds bytes and checksums made by Unitree's own code.
 """
 
 from __future__ import annotations
