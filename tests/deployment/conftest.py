@@ -62,44 +62,36 @@ class Sent(NamedTuple):
 
 def check_safe(sent: Sequence[Sent], robot: RobotDescription) -> None:
     """What must hold for every command that leaves a controller, whatever has happened before."""
-    gains = np.array((robot.stiffness, robot.damping)) + 1e-9
-    for mode in JointMode:
-        group = [item for item in sent if item.command.mode == mode]
-        fields = ("target_position", "feedforward_torque", "stiffness", "damping")
-        parts = np.array([[getattr(item.command, name) for name in fields] for item in group])
-        if not group:
-            continue
-        assert parts.shape[2] == len(robot.joint_names) and np.isfinite(parts).all()
-        assert ((parts[:, 2:] >= 0.0) & (parts[:, 2:] <= gains)).all()
-        if mode != JointMode.OFF:
-            check_torques(group, parts, robot, mode)
-
-
-def check_torques(group: Sequence[Sent], parts: np.ndarray, robot: RobotDescription, mode: JointMode) -> None:
-    """Commands of one mode ask for torques that the motors can give, and none into a stop."""
-    known = [item.state is not None for item in group]
-    assert all(known) or mode == JointMode.DAMPING
-    group, (target, feedforward, stiffness, damping) = (
-        [item for item in group if item.state is not None],
-        parts[known].swapaxes(0, 1),
-    )
-    position = np.array([item.state.joint_position for item in group])
-    velocity = np.array([item.state.joint_velocity for item in group])
-    torque = -damping * velocity
-    if mode == JointMode.SERVO:
-        lower, upper = robot.position_limits.T
-        assert ((target >= lower) & (target <= upper)).all()
-        torque += stiffness * (target - position) + feedforward
-        assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
+    fields = ("target_position", "feedforward_torque", "stiffness", "damping")
+    parts = np.array([[getattr(item.command, name) for name in fields] for item in sent])
+    mode = np.array([item.command.mode for item in sent])
+    known = np.array([item.state is not None for item in sent])
+    gains = np.array((robot.stiffness, robot.damping))
+    assert np.isfinite(parts).all() and ((parts[:, 2:] >= 0.0) & (parts[:, 2:] <= gains + 1e-9)).all()
+    assert not parts[mode == JointMode.OFF].any() and not parts[mode == JointMode.DAMPING, :3].any()
+    assert known[mode == JointMode.SERVO].all()
+    servo, parts, sent = mode[known, None] == JointMode.SERVO, parts[known], [x for x in sent if x.state]
+    if not sent:
+        return
+    (target, feedforward, stiffness, damping), (lower, upper) = parts.swapaxes(0, 1), robot.position_limits.T
+    position = np.array([item.state.joint_position for item in sent])
+    velocity = np.array([item.state.joint_velocity for item in sent])
+    torque = stiffness * (target - position) - damping * velocity + feedforward
+    assert (~servo | ((target >= lower) & (target <= upper))).all()
+    assert (torque[servo & (position >= upper)] <= 1e-9).all()  # never further into a stop
+    assert (torque[servo & (position <= lower)] >= -1e-9).all()
     ratio = np.asarray(robot.gear.ratio)
-    voltage = np.array([[min(item.state.bus_voltage, 1.25 * robot.bus_voltage)] for item in group])
-    age = np.array([[item.age] for item in group])
+    voltage = np.array([[min(item.state.bus_voltage, 1.25 * robot.bus_voltage)] for item in sent])
+    age = np.array([[item.age] for item in sent])
     reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
     limits = torque_limits(robot.motors, velocity * ratio + np.linspace(-reach, reach, 3), voltage)
     least, greatest = (ratio * limits[0]).min(axis=0), (ratio * limits[1]).max(axis=0)
-    if mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
-        least, greatest = np.minimum(least, 0.0), np.maximum(greatest, 0.0)
-        torque = np.where([[item.fresh] for item in group], torque, 0.0)
+    # A damper may be weaker than the back-EMF, never stronger; of a silent robot its torque is not known.
+    least, greatest = (
+        np.where(servo, least, np.minimum(least, 0.0)),
+        np.where(servo, greatest, np.maximum(greatest, 0.0)),
+    )
+    torque = np.where(servo | np.array([[item.fresh] for item in sent]), torque, 0.0)
     assert ((torque >= least - 1e-6) & (torque <= greatest + 1e-6)).all()
 
 
