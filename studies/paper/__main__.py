@@ -11,7 +11,6 @@ from sprintlab.cli.output import exit_status
 from studies.paper.evaluate import Evaluate
 from studies.paper.page import Page
 from studies.paper.plan import Plan, Train
-from studies.paper.stride import Strides
 from studies.paper.verdicts import Verdicts
 
 Command = (
@@ -20,7 +19,6 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Verdicts, tyro.conf.subcommand(name="verdicts")]
     | Annotated[Page, tyro.conf.subcommand(name="page")]
-    | Annotated[Strides, tyro.conf.subcommand(name="stride")]
 )
 
 

@@ -11,7 +11,6 @@ from sprintlab.commands import (
     BoxGrid,
     CommandStep,
     CurriculumSchedule,
-    PredictionGrid,
     ProgressGrid,
     RampedSchedule,
     TargetOutcome,
@@ -21,7 +20,7 @@ from sprintlab.commands import (
 
 RANGE = {"speed": (-1.0, 4.0), "speed_bin": 1.0, "yaw_limit": 1.0, "yaw_bins": 3}
 ROWS, COLUMNS, ROBOTS = 5, 3, 40
-GRIDS = (BoxGrid(**RANGE), ProgressGrid(**RANGE, stage_steps=4), PredictionGrid(**RANGE))
+GRIDS = (BoxGrid(**RANGE), ProgressGrid(**RANGE, stage_steps=4))
 
 
 def outcomes(steps: int, seed: int = 0) -> list[TargetOutcome]:
@@ -88,41 +87,7 @@ def progress_by_hand(steps: list[TargetOutcome], grid: ProgressGrid) -> np.ndarr
     return chosen
 
 
-def prediction_by_hand(steps: list[TargetOutcome], grid: PredictionGrid) -> np.ndarray:
-    """Parameters follow the gradient of half the squared error of the bins that a target ended in."""
-
-    def bump(place: int, other: int, count: int) -> float:
-        weight = [math.exp(-0.5 * ((place - each) / grid.width) ** 2) for each in range(count)]
-        return weight[other] / sum(weight)
-
-    places = list(np.ndindex(ROWS, COLUMNS))
-    share = {
-        (place, other): bump(place[0], other[0], ROWS) * bump(place[1], other[1], COLUMNS)
-        for place in places
-        for other in places
-    }
-    parameters = dict.fromkeys(places, 0.5)
-
-    def mean(place: tuple[int, ...]) -> float:
-        return sum(share[place, other] * parameters[other] for other in places)
-
-    for step in steps:
-        scores = {place: [] for place in places}
-        for robot in range(ROBOTS):
-            if step.due[robot] or step.failed[robot]:
-                linear, angular = step.tracking[robot]
-                scores[in_bin(step, robot)].append((linear + 0.5 * angular) / 1.5)
-        errors = {place: sum(found) / len(found) - mean(place) for place, found in scores.items() if found}
-        slope = {
-            other: sum(error * share[place, other] for place, error in errors.items()) for other in places
-        }
-        parameters = {place: parameters[place] + grid.rate * slope[place] for place in places}
-    grown = {place: math.exp(4 * mean(place) * (1 - mean(place)) / grid.temperature) for place in places}
-    total = sum(grown.values())
-    return np.array([[grown[row, column] / total for column in range(COLUMNS)] for row in range(ROWS)])
-
-
-BY_HAND = (box_by_hand, progress_by_hand, prediction_by_hand)
+BY_HAND = (box_by_hand, progress_by_hand)
 
 
 @pytest.mark.parametrize(("grid", "by_hand"), list(zip(GRIDS, BY_HAND, strict=True)))
@@ -163,7 +128,7 @@ def advanced(schedule, steps: int, **changes):
 
 
 def test_a_curriculum_is_commanded_at_once_over_its_own_range() -> None:
-    grid = PredictionGrid(**RANGE)
+    grid = ProgressGrid(**RANGE)
     schedule = CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=grid))
     (state,) = advanced(schedule, 1)
     np.testing.assert_allclose(state.command[:, 0], state.target_speed)

@@ -34,8 +34,6 @@ WRONG = [
     (CommandGrid, {"linear_success": -0.1}),
     (RangeGrowth, {"upper": 0.0}),
     (RangeGrowth, {"increment": -0.1}),
-    (RangeGrowth, {"lowest": 0.0}),
-    (RangeGrowth, {"share": 1.0}),
     (StageBlend, {"second_top": 5.0}),
     (StageBlend, {"ramp_iterations": 0}),
     (StageBlend, {"earliest_iteration": -1}),

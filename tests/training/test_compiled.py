@@ -23,10 +23,7 @@ from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards, paper_rewards
-from sprintlab.training.settings import (
-    REWARD_SUMS,
-    StridePrior,
-)
+from sprintlab.training.settings import REWARD_SUMS
 
 SETTINGS = small_settings(environments=4, mini_batches=1, hidden=(16, 8))
 
@@ -42,11 +39,9 @@ def learner() -> EstimatorPpo:
 
 
 def test_the_step_after_physics_is_one_piece() -> None:
-    """With every reward that there is, ``stride-prior``'s among them. The motor is no part of it."""
-    strides = Path(__file__).parents[2] / "studies" / "paper" / "strides.npz"
-    settings = method_settings("stride-prior", replace(SETTINGS, prior=StridePrior(file=str(strides))))
+    """With every reward that there is. The motor is no part of it."""
     tables = {**hound_rewards(), **{f"{name}_": each for name, each in paper_rewards().items()}}
-    environment = SprintEnvironment(replace(settings, reward={**tables, **settings.reward}), "cpu")
+    environment = SprintEnvironment(replace(SETTINGS, reward={**tables, **SETTINGS.reward}), "cpu")
     before = environment.episode_length_buf.clone()
     environment.engine.step()
     traced(environment._transition)()
@@ -59,9 +54,7 @@ def test_adding_up_rewards_is_one_piece(how: str) -> None:
     torch.testing.assert_close(traced(aggregate)(*both, how), aggregate(*both, how))
 
 
-@pytest.mark.parametrize(
-    "method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl", "after-hacl")
-)
+@pytest.mark.parametrize("method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl"))
 def test_every_schedule_and_its_grid_are_one_piece_each(method: str) -> None:
     environment = SprintEnvironment(method_settings(method, SETTINGS), "cpu")
     nobody, everyone = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)

@@ -113,11 +113,6 @@ def value(each: RewardTerm, inputs: RewardInput) -> float:
         ("diagonal_contact", still(contact=row(1, 1, 0, 0)), 0.0),
         ("tilt_rate", still(angular_velocity=row(-1, 2, 9)), 3.0),
         ("torque", still()._replace(torque=torch.full((1, 12), 2.0)), 48.0),
-        (
-            "load_balance",
-            still()._replace(torque=row(*[20.0] * 6 + [-60.0] * 6), peak_torque=torch.full((12,), 100.0)),
-            0.04,
-        ),
         ("action_rate", still()._replace(action=torch.full((1, 12), 0.5)), 3.0),
         ("smoothness", still()._replace(previous_action=torch.full((1, 12), 0.5)), 12.0),
         ("sideways_drift", still()._replace(running_side_speed=row(-0.3)[0]), 0.3),

@@ -16,7 +16,7 @@ from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import from_plain, read_settings, settings_toml, with_changes
 
 
-@pytest.mark.parametrize("name", sorted({*ALL_METHODS} - {"stride-prior"}))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 def test_what_is_written_is_read_back_equal(name: str) -> None:
     settings = method(name, robot="go2", seed=5)
     assert from_plain(TrainingSettings, parse_toml(settings_toml(settings))) == settings

@@ -144,8 +144,7 @@ def train(
         robot: name, folder or table of the robot (from Python also settings of a run); that of the settings,
             or bp2, when left out.
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
-            uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, after-hacl,
-            hound, stride-prior.
+            uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, hound.
         seed: of every random generator; that of the settings, or 0, when left out.
         minutes: training time over all sessions; without it and iterations 7 on a GPU, 60 on a CPU.
         iterations: stop at this iteration of the run; at most 30,000.

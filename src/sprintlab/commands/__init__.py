@@ -7,7 +7,6 @@ from sprintlab.commands.comparators import CurriculumSchedule as CurriculumSched
 from sprintlab.commands.comparators import RampedSchedule as RampedSchedule
 from sprintlab.commands.curricula import BoxGrid as BoxGrid
 from sprintlab.commands.curricula import Curriculum as Curriculum
-from sprintlab.commands.curricula import PredictionGrid as PredictionGrid
 from sprintlab.commands.curricula import ProgressGrid as ProgressGrid
 from sprintlab.commands.grid import CommandGrid as CommandGrid
 from sprintlab.commands.grid import GridBins as GridBins
@@ -30,7 +29,6 @@ from sprintlab.commands.schedules import UniformSchedule as UniformSchedule
 from sprintlab.commands.schedules import check_schedule as check_schedule
 from sprintlab.commands.stages import RangeGrowth as RangeGrowth
 from sprintlab.commands.stages import StageBlend as StageBlend
-from sprintlab.commands.stages import fastest_speed as fastest_speed
 from sprintlab.commands.stages import ranked_speeds as ranked_speeds
 from sprintlab.commands.state import CommandState as CommandState
 from sprintlab.commands.state import initial_state as initial_state

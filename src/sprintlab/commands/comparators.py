@@ -17,7 +17,7 @@ _UNIFORM = TargetSampling(top_share=0.0, grid=None)
 
 @dataclass(frozen=True, kw_only=True)
 class CurriculumSchedule(TargetSchedule):
-    """Targets of a curriculum over its whole range, commanded at once: RLvRL, LP-ACRL, after HACL.
+    """Targets of a curriculum over its whole range, commanded at once: RLvRL and LP-ACRL.
 
     The curriculum alone decides how fast a target may be; the growing range of ``advance`` is not looked at.
 

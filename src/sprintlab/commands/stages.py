@@ -14,15 +14,14 @@ from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
 
-def fastest_speed(speed: Array, share: float = 0.999) -> Array:
-    """The speed [m/s] that ``share`` of the environments do not exceed: 0-d array from ``speed`` ``(n,)``."""
-    return ranked_speeds(speed, (share,))[0]
-
-
 def ranked_speeds(speed: Array, shares: Sequence[float]) -> list[Array]:
-    """``fastest_speed`` of each share, from one sorting."""
+    """The speeds [m/s] that these shares of the environments ``(n,)`` do not exceed, as 0-d arrays."""
     ordered = namespace(speed).sort(speed)
     return [ordered[math.ceil(share * speed.shape[0]) - 1] for share in shares]
+
+
+LOWEST = -2.0
+"""The bottom of the range never falls below this [m/s]."""
 
 
 @dataclass(kw_only=True)
@@ -36,37 +35,30 @@ class RangeGrowth:
         upper: top of the range now [m/s].
         increment: growth an iteration [m/s].
         margin: grow while the fastest speed exceeds ``upper - margin`` [m/s].
-        share: the margin is at least this share of ``upper`` [-]: how far the range runs ahead of the robots.
-        lowest: the bottom of the range never falls below this [m/s].
 
     Raises:
-        InvalidValueError: ``upper``, ``increment`` or ``margin`` not positive, ``share`` outside [0, 0.9], or
-            ``lowest`` above -1.
+        InvalidValueError: ``upper``, ``increment`` or ``margin`` not positive.
     """
 
     upper: float = 1.0
     increment: float = 0.1
     margin: float = 0.75
-    share: float = 0.0
-    lowest: float = -2.0
 
     def __post_init__(self) -> None:
         for field in ("upper", "increment", "margin"):
             check_positive(field, getattr(self, field), "m/s")
-        check_range("share", self.share, 0.0, 0.9)
-        check_range("lowest", self.lowest, -math.inf, -1.0, "m/s")
 
     @property
     def lower(self) -> float:
-        """Bottom of the range [m/s]: ``max(lowest, -max(1, upper / 3))``."""
-        return max(self.lowest, -max(1.0, self.upper / 3.0))
+        """Bottom of the range [m/s]."""
+        return max(LOWEST, -max(1.0, self.upper / 3.0))
 
     def update(self, fastest: float, top: float) -> None:
         """Grow by one increment, at most to ``top``, if ``fastest`` [m/s] is near the top of the range.
 
         The range never shrinks, and a NaN speed does not grow it.
         """
-        if fastest > self.upper - max(self.margin, self.share * self.upper):
+        if fastest > self.upper - self.margin:
             self.upper = max(self.upper, min(top, self.upper + self.increment))
 
     def state_dict(self) -> dict[str, float]:

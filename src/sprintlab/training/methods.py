@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -10,7 +10,6 @@ from sprintlab.commands import (
     Curriculum,
     CurriculumSchedule,
     FixedAccelerationSchedule,
-    PredictionGrid,
     ProgressGrid,
     RampedSchedule,
     TargetSampling,
@@ -18,11 +17,9 @@ from sprintlab.commands import (
 )
 from sprintlab.core.checks import check_choice
 from sprintlab.motors import MotorModel
-from sprintlab.training.environment import rewards
 from sprintlab.training.reward_tables import Rewards, hound_rewards, paper_rewards
 from sprintlab.training.scaling import scaled_settings
-from sprintlab.training.settings import ACS, TARGETS, Schedule, StridePrior, TrainingSettings
-from sprintlab.training.terms import RewardTerm, term
+from sprintlab.training.settings import ACS, TARGETS, Schedule, TrainingSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +31,7 @@ class Method:
         schedule: how commands evolve.
         rewards: instead of the preset's; None: the preset's.
         reward_sum: how they are added up.
-        added: further reward terms.
         saturation: whether the motors saturate in training.
-        prior: whether computed strides are rewarded at the start.
         source: paper that the method follows; empty: the paper of this package.
     """
 
@@ -44,9 +39,7 @@ class Method:
     schedule: Schedule
     rewards: Rewards | None = None
     reward_sum: str = "exponential"
-    added: Rewards = field(default_factory=dict[str, RewardTerm])
     saturation: bool = True
-    prior: bool = False
     source: str = ""
 
 
@@ -83,11 +76,6 @@ COMPARATORS = {
         schedule=_curriculum(ProgressGrid()),
         source="LP-ACRL (2601.17428): bins by learning progress",
     ),
-    "after-hacl": Method(
-        actuator_model="refined",
-        schedule=_curriculum(PredictionGrid()),
-        source="after HACL (2505.18429): bins by a predicted reward",
-    ),
     "hound": Method(
         actuator_model="simplified-dc",
         schedule=RampedSchedule(),
@@ -95,15 +83,8 @@ COMPARATORS = {
         reward_sum="clipped",
         source="Hound (2312.17507): v_d = 0 operating region, gait and foot rewards",
     ),
-    "stride-prior": Method(
-        actuator_model="refined",
-        schedule=ACS,
-        prior=True,
-        added={"load_balance": term(rewards.load_balance, -2.0)},
-        source="the paper's future work: a trajectory prior and balanced joint loads",
-    ),
 }
-"""Methods of other papers, and beyond the paper, on the same robot, recipe and budget."""
+"""Methods of other papers, on the same robot, recipe and budget."""
 
 NO_SATURATION = "no-saturation"
 """An eighth method: the envelope as it is, but motors that do not saturate; the paper does not ablate it."""
@@ -169,10 +150,9 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         method=name,
         actuator_model=method.actuator_model,
         schedule=as_printed(method.schedule) if printed else method.schedule,
-        reward={**(method.rewards or base.reward), **method.added},
+        reward=method.rewards or base.reward,
         reward_sum=method.reward_sum,
         simulation=simulation,
-        prior=(base.prior or StridePrior()) if method.prior else base.prior,
     )
 
 

@@ -50,8 +50,6 @@ PRECISIONS = ("tf32", "float16")
 REWARD_SUMS = ("exponential", "clipped")
 NORMALIZER_FLOOR = 1e-2
 """Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
-PRIOR_FADE = (800, 1600)
-"""Iterations between which the reward for running like computed strides sinks to zero."""
 PHASES = ("hold", "push", "brake")
 """What a command asks for: a speed, more of it, or less."""
 CONSTRAINTS = ("foot", "gear", "legs", "joint_speed", "end_stop")
@@ -245,30 +243,6 @@ class StageSettings:
         return share >= self.steady_share
 
 
-@dataclass(frozen=True, kw_only=True)
-class StridePrior:
-    """A reward for running like computed strides, which fades: a start for the search, not its end.
-
-    Attributes:
-        file: of strides, made by ``python -m studies.paper stride``.
-        weight: of ``exp(-d^2)``, d the distance of a leg's state from the nearest point of the stride.
-
-    Raises:
-        InvalidValueError: a weight that is not positive.
-    """
-
-    file: str = "studies/paper/strides.npz"
-    weight: float = 0.5
-
-    def __post_init__(self) -> None:
-        check_positive("weight", self.weight)
-
-    def weight_at(self, iteration: int) -> float:
-        """The weight in an iteration of the run."""
-        first, last = PRIOR_FADE
-        return self.weight * min(max((last - iteration) / (last - first), 0.0), 1.0)
-
-
 def _check_widths(name: str, widths: tuple[int, ...]) -> None:
     """Layers that fit into a robot's computer. Raises ``InvalidValueError``."""
     check_range(f"layers of {name}", len(widths), 1, 20)
@@ -455,7 +429,6 @@ class TrainingSettings:
         reward_sum: ``"exponential"`` rewards * exp(penalties / 2) or ``"clipped"`` max(0, sum).
         randomization: what differs from robot to robot, by name: ``environment.randomization``.
         constraints: what the audit limits, as shares of the future that end; None: only rewards.
-        prior: strides that are rewarded at the start; none in the paper.
         exam: of the policy, every so often; None: the last policy is exported.
         seed: of every random generator.
 
@@ -475,7 +448,6 @@ class TrainingSettings:
     episodes: EpisodeSettings = EpisodeSettings()
     constraints: ConstraintSettings | None = ConstraintSettings()
     stages: StageSettings = StageSettings()
-    prior: StridePrior | None = None
     exam: ExamSettings | None = ExamSettings()
     ppo: PpoSettings = PpoSettings()
     estimator: EstimatorSettings = EstimatorSettings()

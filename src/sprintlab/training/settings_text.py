@@ -14,7 +14,7 @@ import json
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
@@ -31,7 +31,7 @@ Settings = TypeVar("Settings")
 
 
 def with_changes(settings: Settings, changes: Iterable[str] | Mapping[str, Any]) -> Settings:
-    """Settings with some of them changed; what belongs together is checked together.
+    """Settings with some of them changed, one after the other; what belongs together is checked together.
 
     Args:
         settings: a frozen dataclass.
@@ -42,15 +42,25 @@ def with_changes(settings: Settings, changes: Iterable[str] | Mapping[str, Any])
         InvalidValueError: there is no such setting, the value is of another kind, or the settings refuse it.
     """
     named = changes if isinstance(changes, Mapping) else dict(map(parse_assignment, changes))
-    nested = dict[str, Any]()
+    if not named:
+        return settings
+    plain: Any = to_plain(settings)
     for name, value in named.items():
-        *outer, last = name.split(".")
-        place = nested
-        for part in outer:
-            place = place.setdefault(part, {})
-        present = place.get(last)
-        place[last] = {**present, **value} if isinstance(present, dict) and isinstance(value, dict) else value
-    return cast("Settings", _value(type(settings), nested, settings, ""))
+        nested = _plain(value)
+        for part in reversed(name.split(".")):
+            nested = {part: nested}
+        plain = _merged(plain, nested)
+    return from_plain(type(settings), plain)
+
+
+def _merged(old: Any, new: Any) -> Any:
+    """``new`` over ``old``; a part of another kind or function takes the place of the old one."""
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return new
+    present, given = cast("dict[str, Any]", old), cast("dict[str, Any]", new)
+    if any(given.get(key, present.get(key)) != present.get(key) for key in (KIND, "function")):
+        return given
+    return present | {name: _merged(present.get(name), value) for name, value in given.items()}
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
@@ -90,10 +100,10 @@ def read_settings(path: Path, base: Settings) -> Settings:
         SprintlabError: the file cannot be read or is not TOML.
         InvalidValueError: as ``with_changes``, with the file's name.
     """
-    document = read_toml(path, what="settings")
-    whole = {field.name for field in fields(cast("Any", base))} <= set(document)
+    document, plain = read_toml(path, what="settings"), to_plain(base)
+    whole = set(plain) <= set(document)
     try:
-        return cast("Settings", _value(type(base), document, None if whole else base, ""))
+        return from_plain(type(base), document if whole else _merged(plain, document))
     except InvalidValueError as error:
         raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
 
@@ -119,7 +129,7 @@ def from_plain(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
     Raises:
         InvalidValueError: as ``with_changes``.
     """
-    return cast("Settings", _value(kind, values, None, ""))
+    return cast("Settings", _value(kind, values, ""))
 
 
 # --- from settings to plain values -----------------------------------------------------------------------
@@ -138,7 +148,7 @@ def _plain(value: Any, hint: Any = None) -> Any:
         return [_plain(each) for each in cast("Sequence[Any]", value)]
     if callable(value):
         return _path(value)
-    return str(value) if isinstance(value, Path) else value
+    return value
 
 
 def _path(value: Any) -> str:
@@ -153,17 +163,18 @@ def _class_name(kind: type, known: Sequence[type]) -> str:
 # --- from plain values to settings -----------------------------------------------------------------------
 
 
-def _value(hint: Any, value: Any, present: Any, place: str) -> Any:
-    """``value`` as an instance of what a type hint allows; a mapping changes what is present."""
-    kinds = _kinds(hint)
-    if types.NoneType in kinds and (value is None or value == ABSENT):
+def _value(hint: Any, value: Any, place: str) -> Any:
+    """``value`` as an instance of what a type hint allows."""
+    kinds, item = _kinds(hint), _entry(hint)
+    if types.NoneType in kinds and value == ABSENT:
         return None
     if isinstance(value, Mapping):
         given = cast("Mapping[str, Any]", value)
-        if _entry(hint) is not None:
-            return _mapping(_entry(hint), given, present, place)
-        if _dataclasses(hint) or is_dataclass(present):
-            return _part(hint, given, present, place)
+        if item is not None:
+            kept = {name: each for name, each in given.items() if each != ABSENT}
+            return {name: _value(item, each, f"{place}.{name}") for name, each in kept.items()}
+        if _dataclasses(hint):
+            return _part(_chosen_class(_dataclasses(hint), given, place), given, place)
     for kind in kinds:
         converted = _converted(value, kind)
         if converted is not MISSING:
@@ -171,38 +182,21 @@ def _value(hint: Any, value: Any, present: Any, place: str) -> Any:
     raise InvalidValueError(place, value, f"must be {_described(hint)}")
 
 
-def _mapping(item: Any, values: Mapping[str, Any], present: Any, place: str) -> dict[str, Any]:
-    """A dictionary with entries changed, added, or, where they are ``none``, removed."""
-    entries: dict[str, Any] = dict(present or {})
+def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
+    """A dataclass from its fields; those that are not named keep their defaults."""
+    hints = get_type_hints(kind)
+    known = [field.name for field in fields(kind)]
+    found = dict[str, Any]({PARAMETERS: {}} if PARAMETERS in known else {})
     for name, value in values.items():
-        if value is None or value == ABSENT:
-            entries.pop(name, None)
-        else:
-            entries[name] = _value(item, value, entries.get(name), f"{place}.{name}")
-    return entries
-
-
-def _part(hint: Any, values: Mapping[str, Any], present: Any, place: str) -> Any:
-    """A dataclass from its fields; those that are not named are as present, else their defaults."""
-    kind = _chosen_class(hint, values.get(KIND), present, place)
-    given = {name: value for name, value in values.items() if name != KIND}
-    known, hints = [field.name for field in fields(kind) if field.init], get_type_hints(kind)
-    if type(present) is not kind:
-        present = None
-    changes = dict[str, Any]()
-    if PARAMETERS in known:
-        parameters = {} if present is None or "function" in given else dict(present.parameters)
-        for name in [name for name in given if name not in known]:
-            item = _entry(hints[PARAMETERS])
-            parameters[name] = _value(item, given.pop(name), None, f"{place}.{name}")
-        changes[PARAMETERS] = parameters
-    for name, value in given.items():
         full = f"{place}.{name}".lstrip(".")
-        if name not in known:
+        if name in known:
+            found[name] = _value(hints[name], value, full)
+        elif PARAMETERS in known:
+            found[PARAMETERS][name] = _value(_entry(hints[PARAMETERS]), value, full)
+        elif name != KIND:
             raise InvalidValueError(full, value, _unknown(name, known, place))
-        changes[name] = _value(hints[name], value, getattr(present, name, None), full)
     try:
-        return kind(**changes) if present is None else replace(present, **changes)
+        return kind(**found)
     except InvalidValueError as error:
         own = error.field.removeprefix(f"{place.rpartition('.')[2]}.")
         raise InvalidValueError(f"{place}.{own}".lstrip("."), error.value, error.allowed) from error
@@ -210,14 +204,10 @@ def _part(hint: Any, values: Mapping[str, Any], present: Any, place: str) -> Any
         raise InvalidValueError(place, dict(values), f"must say all of {', '.join(known)}") from error
 
 
-def _chosen_class(hint: Any, name: Any, present: Any, place: str) -> Any:
-    known = _dataclasses(hint)
-    if name is None:
-        return type(present) if is_dataclass(present) else known[0]
-    for kind in known:
-        if kind.__name__ == name:
-            return kind
-    found = _imported(name) if isinstance(name, str) else None
+def _chosen_class(known: Sequence[Any], values: Mapping[str, Any], place: str) -> Any:
+    """The class that ``kind`` names, one of those that are known or one that is imported."""
+    name = values.get(KIND, known[0].__name__)
+    found = next((kind for kind in known if kind.__name__ == name), None) or _imported(str(name))
     if isinstance(found, type) and is_dataclass(found):
         return found
     names = ", ".join(kind.__name__ for kind in known)
@@ -245,8 +235,6 @@ def _converted(value: Any, kind: Any) -> Any:
         return tuple(pieces) if len(items) == len(inner) and MISSING not in pieces else MISSING
     if kind in (float, Any) and type(value) is int:
         return float(value)
-    if kind is Path and isinstance(value, str):
-        return Path(value)
     if get_origin(kind) is Callable:
         found = _imported(value) if isinstance(value, str) else value
         return found if callable(found) else MISSING
@@ -280,7 +268,15 @@ def _unknown(name: str, known: Sequence[str], place: str) -> str:
     return f"there is no such setting here, choose among {', '.join(known)}"
 
 
-_WORDS = {int: "a whole number", float: "a number", str: "text", bool: "true or false", Path: "a path"}
+_WORDS = {
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    bool: "true or false",
+    types.NoneType: f'"{ABSENT}"',
+    Callable: 'a function, by its name or as "module:name"',
+    dict: "a table",
+}
 
 
 def _described(hint: Any) -> str:
@@ -288,18 +284,11 @@ def _described(hint: Any) -> str:
 
 
 def _word(kind: Any) -> str:
-    if kind is types.NoneType:
-        return f'"{ABSENT}"'
+    origin, inner = get_origin(kind), get_args(kind)
     if is_dataclass(kind):
         return f"a table of {', '.join(field.name for field in fields(kind))}"
-    if get_origin(kind) is Literal:
-        return f"one of {', '.join(get_args(kind))}"
-    if get_origin(kind) is tuple:
-        inner = get_args(kind)
-        count = "" if inner[-1] is Ellipsis else f"{len(inner)} "
-        return f"a list of {count}{_word(inner[0]).split()[-1]}s"
-    if get_origin(kind) in (dict, Mapping):
-        return "a table"
-    if get_origin(kind) is Callable:
-        return 'a function, by its name or as "module:name"'
-    return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))
+    if origin is Literal:
+        return f"one of {', '.join(inner)}"
+    if origin is tuple:
+        return "a list of numbers" if inner[-1] is Ellipsis else f"a list of {len(inner)} numbers"
+    return _WORDS.get(origin or kind, str(kind))

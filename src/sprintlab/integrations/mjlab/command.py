@@ -14,8 +14,8 @@ from sprintlab.commands import (
     CommandStep,
     FixedAccelerationSchedule,
     UniformSchedule,
-    fastest_speed,
     initial_state,
+    ranked_speeds,
 )
 from sprintlab.core.checks import check_finite, check_positive, check_range
 
@@ -128,6 +128,6 @@ class AdaptiveVelocityCommand(CommandTerm):
         if self.cfg.growth == 0.0 or self._since_growth < self.cfg.growth_period:
             return
         self._since_growth = 0.0
-        fastest = float(fastest_speed(self.robot.data.root_link_lin_vel_b[:, 0]))
+        fastest = float(ranked_speeds(self.robot.data.root_link_lin_vel_b[:, 0], (0.999,))[0])
         if fastest > self.upper - self.cfg.growth_margin:
             self.upper = min(self.cfg.top, self.upper + self.cfg.growth)

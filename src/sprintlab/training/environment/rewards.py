@@ -62,7 +62,6 @@ class RewardInput(NamedTuple):
         running_yaw_rate: averaged alike [rad/s] ``(n,)``.
         running_side_speed: to the left, averaged alike [m/s] ``(n,)``.
         weight: of the robot [N] ``(n,)``.
-        peak_torque: of each joint near standstill [N m] ``(joints,)``.
         no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
     """
 
@@ -82,7 +81,6 @@ class RewardInput(NamedTuple):
     running_side_speed: torch.Tensor
     weight: torch.Tensor | float
     no_load_speed: torch.Tensor | float = math.inf
-    peak_torque: torch.Tensor | float = 1.0
 
 
 # --- what is rewarded ------------------------------------------------------------------------------------
@@ -293,8 +291,3 @@ def tilt_rate(x: RewardInput) -> torch.Tensor:
 def torque(x: RewardInput) -> torch.Tensor:
     """Squared joint torques."""
     return x.torque.square().sum(1)
-
-
-def load_balance(x: RewardInput) -> torch.Tensor:
-    """Variance over the joints of the share of its peak torque that each gives."""
-    return (x.torque.abs() / x.peak_torque).var(1, correction=0)

@@ -38,8 +38,8 @@ from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
 from sprintlab.control.standing import StandingContract, standing_share
 from sprintlab.engine import Engine, EngineOptions
-from sprintlab.motors import no_load_speed, saturate
-from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.motors import no_load_speed
+from sprintlab.robots import load_robot
 from sprintlab.training.environment.constraints import (
     FAST_SHARE,
     WATCHED,
@@ -57,7 +57,6 @@ from sprintlab.training.environment.fleet import Fleet
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
 from sprintlab.training.environment.rewards import Loads, RewardInput, angular_tracking, linear_tracking
-from sprintlab.training.environment.stride_prior import StrideReference
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.settings import PHASES, TrainingSettings
@@ -101,12 +100,6 @@ def engine_options(settings: TrainingSettings) -> EngineOptions:
     )
 
 
-def drive_scales(robot: RobotDescription) -> tuple[Any, Any]:
-    """Peak torque [N m] and no-load speed [rad/s] of every joint ``(joints,)``, on the robot's own bus."""
-    peak = saturate(robot.motors, robot.motors.peak_torque) * robot.gear.ratio
-    return peak, no_load_speed(robot.motors, robot.bus_voltage) / robot.gear.ratio
-
-
 class SprintEnvironment:
     """``n`` robots that chase scheduled commands.
 
@@ -137,12 +130,8 @@ class SprintEnvironment:
         self.slope, self.mean_delay = self.fleet.slope, self.fleet.delay
         self.kinematics = Kinematics(self.robot, self.engine, self.slope)
         self.friction = self.engine.friction
-        prior = settings.prior
-        self.strides = None if prior is None else StrideReference(prior, self.robot, device)
-        self.prior_weight = torch.full((), 0.0 if prior is None else prior.weight_at(0), device=device)
-        self.peak_torque, self.no_load_speed = (
-            torch.as_tensor(scale, dtype=torch.float32, device=device) for scale in drive_scales(self.robot)
-        )
+        no_load = no_load_speed(self.robot.motors, self.robot.bus_voltage) / self.robot.gear.ratio
+        self.no_load_speed = torch.as_tensor(no_load, dtype=torch.float32, device=device)
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
@@ -351,13 +340,9 @@ class SprintEnvironment:
             running_side_speed=self.running_side_speed,
             weight=self.engine.weight,
             no_load_speed=self.no_load_speed,
-            peak_torque=self.peak_torque,
         )
         earned = self._terms.earned(inputs)
-        paid = earned.paid
-        if self.strides is not None:
-            paid = paid + self.prior_weight * self.strides.likeness(body, self.running_speed)
-        rate = torch.nan_to_num(aggregate(paid, earned.penalties, self.settings.reward_sum))
+        rate = torch.nan_to_num(aggregate(earned.paid, earned.penalties, self.settings.reward_sum))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._constrain(inputs)
         self._log(inputs, rate, ends, earned.parts)

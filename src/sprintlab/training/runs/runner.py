@@ -239,14 +239,12 @@ class Runner:
 
     def _set_curriculum(self) -> None:
         """Range, stage, chances and noise of the next iteration."""
-        iteration, share = self.progress.iteration, self.share
+        share = self.share
         steady = self.settings.stages.is_steady(share)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
         self.learner.set_phase(share)
         if self.chances is not None:
             self.environment.chances.copy_(torch.tensor(self.chances.values))
-        if self.settings.prior is not None:
-            self.environment.prior_weight.fill_(self.settings.prior.weight_at(iteration))
 
     def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
         steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count
