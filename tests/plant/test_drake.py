@@ -79,18 +79,6 @@ def poses(robot: RobotDescription, model: mujoco.MjModel, count: int) -> list[np
     return drawn
 
 
-def test_mass_matrix_agrees(robot: RobotDescription) -> None:
-    model = build_model(robot)
-    data, engine = mujoco.MjData(model), engine_of(model, robot)
-    for position in poses(robot, model, 5):
-        data.qpos[:] = position
-        mujoco.mj_forward(model, data)
-        expected = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, expected)
-        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-        assert np.abs((engine.mass_matrix(position) - expected) / scale).max() < 1e-6
-
-
 def test_reflected_inertia(robot: RobotDescription) -> None:
     """A torque on each joint, and a force and a twist on the trunk, accelerate the free robot alike."""
     model = build_model(robot, ModelOptions(dry_friction=False, joint_limits=False))

@@ -30,10 +30,12 @@ def test_duration_ends_the_command(capsys):
         ("no-such-policy",),
         ("--gamepad", "no-such-device"),
         ("--port", "70000"),
+        ("--host", "no such host"),
+        ("--host", "8.8.8.8"),
         ("sprint", "--robot", "go1"),
         ("sprint", "go1-sprint"),
     ],
-    ids=["no policy", "no pad", "no port", "other robot", "two robots"],
+    ids=["no policy", "no pad", "no port", "no host", "elsewhere", "other robot", "two robots"],
 )
 def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
     assert main(["play", *arguments]) == 2

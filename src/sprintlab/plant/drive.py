@@ -30,25 +30,15 @@ from sprintlab.robots import RobotDescription
 
 @dataclass(frozen=True, kw_only=True)
 class SupplyState:
-    """How battery and windings are.
+    """How battery and windings are."""
 
-    Attributes:
-        bus_voltage: in the last motor step [V].
-        lowest_bus_voltage: so far [V].
-        state_of_charge: [-]; 1 for a bus without a battery.
-        winding_temperature: ``(joints,)`` [degC]; ``None`` where heat is off.
-        housing_temperature: ``(joints,)`` [degC]; ``None`` where heat has one node.
-        copper_loss: ``(joints,)``, in the last motor step [W].
-        i2t_level: ``(joints,)``, 1 where only the continuous current is left [-]; ``None`` without a limit.
-    """
-
-    bus_voltage: float
-    lowest_bus_voltage: float
-    state_of_charge: float
-    winding_temperature: FloatArray | None
-    copper_loss: FloatArray
-    housing_temperature: FloatArray | None = None
-    i2t_level: FloatArray | None = None
+    bus_voltage: float  # in the last motor step [V]
+    lowest_bus_voltage: float  # so far [V]
+    state_of_charge: float  # [-]; 1 for a bus without a battery
+    winding_temperature: FloatArray | None  # (joints,) [degC]; None where heat is off
+    copper_loss: FloatArray  # (joints,) in the last motor step [W]
+    housing_temperature: FloatArray | None = None  # (joints,) [degC]; None where heat has one node
+    i2t_level: FloatArray | None = None  # (joints,) 1 at continuous current [-]; None without a limit
 
 
 class SuppliedDrive:
@@ -114,12 +104,7 @@ class SuppliedDrive:
         )
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
-        """Advance by one step; arguments and result as of ``PreparedDrive``, the motors as warm as they are.
-
-        Args:
-            desired_joint_torque: ``(joints,)`` [N m].
-            joint_velocity: ``(joints,)`` [rad/s].
-        """
+        """Advance by one step, as ``PreparedDrive`` does, with the motors as warm as they are."""
         desired = desired_joint_torque
         if self._heat is not None:
             desired = desired * self._drive.set_temperature(self._heat, self._temperature)
@@ -130,8 +115,12 @@ class SuppliedDrive:
             self._load_bus(self._battery, desired, joint_velocity)
         output = self._drive(desired, joint_velocity)
         self._loss = loss = self._drive.copper_loss(output)
-        if self._heat is not None:
-            self._warm(self._heat, loss)
+        if isinstance(self._heat, HousedHeat):
+            self._temperature, self._housing = warmed_with_housing(
+                self._heat, self._temperature, self._housing, loss, self._step
+            )
+        elif self._heat is not None:
+            self._temperature = warmed(self._heat, self._temperature, loss, self._step)
         if self._i2t is not None:
             squared = self._drive.squared_current(output)
             self._level = i2t_level(self._i2t.continuous_current, self._level, squared, self._decay)
@@ -140,15 +129,6 @@ class SuppliedDrive:
             current = battery_current(self._battery, self._bus_voltage, power)
             self._charge = float(discharged(self._battery, self._charge, current, self._step))
         return output
-
-    def _warm(self, heat: WindingHeat, loss: FloatArray) -> None:
-        """Let a step's copper loss [W] ``(joints,)`` flow."""
-        if isinstance(heat, HousedHeat):
-            self._temperature, self._housing = warmed_with_housing(
-                heat, self._temperature, self._housing, loss, self._step
-            )
-        else:
-            self._temperature = warmed(heat, self._temperature, loss, self._step)
 
     def _load_bus(self, battery: Battery, desired: FloatArray, velocity: FloatArray) -> None:
         """Find the bus voltage at which the torques draw just the power that lowers the bus to it."""

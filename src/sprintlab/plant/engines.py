@@ -52,11 +52,8 @@ def check_engine(engine: str) -> None:
     """
     if engine != "drake" or find_spec("pydrake") is not None:
         return
-    if sys.platform not in ("linux", "darwin"):
-        raise SprintlabError(
-            "the second engine needs the package drake, which comes for Linux and macOS, "
-            f"not for {sys.platform}"
-        )
-    raise SprintlabError(
-        "the second engine needs the package drake, which is not installed: pip install 'sprintlab[drake]'"
-    )
+    there = sys.platform in ("linux", "darwin")
+    reason = "which is not installed: pip install 'sprintlab[drake]'"
+    if not there:
+        reason = f"which comes for Linux and macOS, not for {sys.platform}"
+    raise SprintlabError(f"the second engine needs the package drake, {reason}")

@@ -33,18 +33,13 @@ class Ground:
     with triangles between them; no bump is shorter. It is flat up to 1 m ahead of the start, and reaches
     252 m ahead and 8 m to each side.
 
-    Attributes:
-        slope: rise over run, uphill positive, -0.3 to 0.3: 0.05 is 5 %.
-        roughness: greatest height above and below the mean [m], 0 to 0.1.
-        seed: seed of the heights, >= 0.
-
     Raises:
         InvalidValueError: a field is outside its range.
     """
 
-    slope: float = 0.0
-    roughness: float = 0.0
-    seed: int = 0
+    slope: float = 0.0  # rise over run, uphill positive, -0.3 to 0.3: 0.05 is 5 %
+    roughness: float = 0.0  # greatest height above and below the mean [m], to 0.1
+    seed: int = 0  # of the heights
 
     def __post_init__(self) -> None:
         check_range("ground.slope", self.slope, -0.3, 0.3)

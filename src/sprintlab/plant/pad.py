@@ -39,19 +39,12 @@ _REST: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class PadLaw:
-    """Constants of one pad.
+    """Constants of one pad."""
 
-    Attributes:
-        stiffness: [N/m].
-        damping: [N s/m].
-        tangential_stiffness: [N/m].
-        tangential_damping: [N s/m].
-    """
-
-    stiffness: float
-    damping: float
-    tangential_stiffness: float
-    tangential_damping: float
+    stiffness: float  # [N/m]
+    damping: float  # [N s/m]
+    tangential_stiffness: float  # [N/m]
+    tangential_damping: float  # [N s/m]
 
     @classmethod
     def of(cls, foot: FootContact, mass: float) -> PadLaw:
@@ -65,13 +58,9 @@ class PadLaw:
 
 
 def normal_force(law: PadLaw, deflection: float, sinking: float, timestep: float) -> float:
-    """Mean normal force [N] over the step around an instant, while the sinking speed stays as it is.
+    """Mean normal force [N] over the step [s] around an instant, while the sinking speed [m/s] stays.
 
-    Args:
-        law: constants of the pad.
-        deflection: at the instant, negative above the ground [m].
-        sinking: velocity into the ground [m/s].
-        timestep: [s].
+    The deflection [m] at the instant is negative above the ground.
     """
     begin, end = -0.5, 0.5  # of the step; the part of it in which the foot touches
     if sinking != 0.0:
@@ -86,11 +75,8 @@ def normal_force(law: PadLaw, deflection: float, sinking: float, timestep: float
 def friction_force(law: PadLaw, limit: float, bristle: Vector, slip: Vector) -> tuple[Vector, Vector]:
     """Force along the ground [N] and the bristle that is left [m].
 
-    Args:
-        law: constants of the pad.
-        limit: greatest force, friction coefficient times normal force [N].
-        bristle: [m], as long as the foot has stuck.
-        slip: velocity along the ground [m/s].
+    ``limit`` is the friction coefficient times the normal force [N], ``slip`` the velocity along the ground
+    [m/s].
     """
     spring, dashpot = law.tangential_stiffness, law.tangential_damping
     x = -spring * bristle[0] - dashpot * slip[0]

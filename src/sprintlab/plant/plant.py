@@ -55,49 +55,27 @@ _FALLS = ("", "trunk contact", "knee contact")
 
 @dataclass(frozen=True, kw_only=True)
 class PlantOptions:
-    """How the robot is simulated.
-
-    Attributes:
-        engine: ``"mujoco"`` for every published number, or ``"drake"``, the second engine (``on_engine`` sets
-            the time step that suits it).
-        timestep: physics step [s], up to 0.5 ms, beyond which the pads' explicit forces ring; a whole number
-            of them makes one motor step.
-        motor_rate: rate of the motor loop [Hz].
-        record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
-        ground: level and even by default; the second engine has no other.
-        foot: stiffness and restitution of the feet on the ground.
-        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill, ``None`` takes
-            the robot's.
-        contact_time_constant: time constant of every other contact and of joint limits [s], at least
-            two steps.
-        motor_model: the envelope. ``"refined"`` for every published number.
-        bus_voltage: [V]; ``None`` takes the robot's. A battery replaces it.
-        battery: behind the bus; ``"robot"`` is the robot's own; ``None``, as for every published number: the
-            bus is stiff.
-        state_of_charge: the battery's charge at the start [-].
-        heat: thermal model of the windings; ``None``, as for every published number: they stay as they are.
-        winding_temperature: at the start, with ``heat`` [degC].
-        i2t: how the drives cut overloads back; ``None``, as for every published number: not at all.
+    """How the robot is simulated; every published number has the defaults.
 
     Raises:
         InvalidValueError: a field is out of range, or the rates do not divide.
     """
 
-    engine: str = "mujoco"
-    timestep: float = 0.00025
-    motor_rate: float = 1000.0
-    record_rate: float = 500.0
-    ground: Ground = LEVEL
-    foot: FootContact = NOMINAL_FOOT
-    drag_area: float | None = None
-    contact_time_constant: float = 0.0005
+    engine: str = "mujoco"  # or "drake", the second engine (``on_engine`` sets the time step that suits it)
+    timestep: float = 0.00025  # physics step [s], up to 0.5 ms, beyond which the pads' explicit forces ring
+    motor_rate: float = 1000.0  # rate of the motor loop [Hz], a whole number of physics steps per motor step
+    record_rate: float = 500.0  # rate of the recorded samples [Hz]; divides ``motor_rate``
+    ground: Ground = LEVEL  # the second engine has no other
+    foot: FootContact = NOMINAL_FOOT  # stiffness and restitution of the feet
+    drag_area: float | None = None  # times drag coefficient [m^2]; 0 on a treadmill, None: the robot's
+    contact_time_constant: float = 0.0005  # of every other contact and of joint limits [s], at least 2 steps
     motor_model: MotorModel = "refined"
-    bus_voltage: float | None = None
-    battery: Battery | Literal["robot"] | None = None
-    state_of_charge: float = 1.0
-    heat: WindingHeat | None = None
-    winding_temperature: float = 25.0
-    i2t: I2tLimit | None = None
+    bus_voltage: float | None = None  # [V]; None takes the robot's. A battery replaces it.
+    battery: Battery | Literal["robot"] | None = None  # "robot" is the robot's own; None: a stiff bus
+    state_of_charge: float = 1.0  # of the battery at the start [-]
+    heat: WindingHeat | None = None  # of the windings; None: they stay as they are
+    winding_temperature: float = 25.0  # at the start, with ``heat`` [degC]
+    i2t: I2tLimit | None = None  # how the drives cut overloads back; None: not at all
 
     def __post_init__(self) -> None:
         check_choice("plant.engine", self.engine, ENGINES)
@@ -117,29 +95,23 @@ class PlantOptions:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """One remark for each choice of drive that makes numbers differ from the published ones."""
-        remarks: list[str] = []
-        if self.engine != "mujoco":
-            remarks.append(f"engine: {self.engine}")
-        if self.ground.remark:
-            remarks.append(self.ground.remark)
-        if self.drag_area is not None:
-            air = f"air with a drag area of {self.drag_area:g} m^2" if self.drag_area else "treadmill: no air"
-            remarks.append(air)
-        if self.foot != NOMINAL_FOOT:
-            pad = f"{self.foot.stiffness / 1e3:g} kN/m, restitution {self.foot.restitution:g}"
-            remarks.append(f"feet of {pad}")
-        if self.motor_model != "refined":
-            remarks.append(f"motor model: {self.motor_model}")
-        if self.battery is not None:
-            remarks.append(
-                f"a battery behind the bus, {100 * self.state_of_charge:.0f} % charged at the start"
-            )
-        if self.heat is not None:
-            remarks.append(f"windings that warm up, {self.winding_temperature:g} degC at the start")
-        if self.i2t is not None:
-            remarks.append("drives that cut overloads back to their continuous current (I²t)")
-        return tuple(remarks)
+        """One remark for each choice that makes numbers differ from the published ones."""
+        area, foot = self.drag_area, self.foot
+        air = f"air with a drag area of {area:g} m^2" if area else "treadmill: no air"
+        pad = f"feet of {foot.stiffness / 1e3:g} kN/m, restitution {foot.restitution:g}"
+        battery = f"a battery behind the bus, {100 * self.state_of_charge:.0f} % charged at the start"
+        warm = f"windings that warm up, {self.winding_temperature:g} degC at the start"
+        remarks = (
+            (self.engine != "mujoco", f"engine: {self.engine}"),
+            (self.ground.remark != "", self.ground.remark),
+            (area is not None, air),
+            (foot != NOMINAL_FOOT, pad),
+            (self.motor_model != "refined", f"motor model: {self.motor_model}"),
+            (self.battery is not None, battery),
+            (self.heat is not None, warm),
+            (self.i2t is not None, "drives that cut overloads back to their continuous current (I²t)"),
+        )
+        return tuple(text for differs, text in remarks if differs)
 
     @property
     def substeps(self) -> int:
@@ -174,19 +146,12 @@ def _check_whole(name: str, value: float, quotient: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class BaseState:
-    """The trunk, as the command loop sees it; on a slope, along the ground.
+    """The trunk, as the command loop sees it; on a slope, along the ground."""
 
-    Attributes:
-        forward_speed: in the heading frame [m/s].
-        heading: yaw angle [rad], in (-pi, pi].
-        lateral_offset: distance to the left of the line through the start along x [m].
-        distance: way along x since the start [m].
-    """
-
-    forward_speed: float
-    heading: float
-    lateral_offset: float
-    distance: float
+    forward_speed: float  # in the heading frame [m/s]
+    heading: float  # yaw angle [rad], in (-pi, pi]
+    lateral_offset: float  # distance to the left of the line through the start along x [m]
+    distance: float  # way along x since the start [m]
 
 
 class MotionRecorder(Protocol):
@@ -287,11 +252,12 @@ class Plant:
         """
         if not (np.isfinite(self._position).all() and np.isfinite(self._velocity).all()):
             raise SimulationError(f"the simulated state is no longer finite at {self.time:.2f} s")
+        position, velocity = self.joint_state()
         return Measurement(
             angular_velocity=self._velocity[3:6].copy(),
             projected_gravity=np.asarray(gravity_in_body(self._position[3:7], self._slope)),
-            joint_position=self._position[self._joint_position],
-            joint_velocity=self._velocity[self._joint_velocity],
+            joint_position=position,
+            joint_velocity=velocity,
         )
 
     def joint_state(self) -> tuple[FloatArray, FloatArray]:
@@ -311,12 +277,7 @@ class Plant:
         )
 
     def advance(self, targets: FloatArray, motor_steps: int, recorder: MotionRecorder) -> bool:
-        """Hold joint targets for some motor steps.
-
-        Args:
-            targets: ``(joints,)`` [rad].
-            motor_steps: how many.
-            recorder: takes a sample every ``options.record_every`` motor steps.
+        """Hold joint targets ``(joints,)`` [rad] for some motor steps.
 
         Returns:
             False once the robot has fallen; ``fall_reason`` tells why.
@@ -327,16 +288,12 @@ class Plant:
         if not np.isfinite(targets).all():
             raise SimulationError(f"the policy's joint targets are not finite at {self.time:.2f} s")
         for _ in range(motor_steps):
-            self._motor_step(targets, recorder)
+            position, velocity = self.joint_state()
+            wanted = pd_torque(self.robot.stiffness, self.robot.damping, targets, position, velocity)
+            self.drive_joints(wanted, targets, recorder)
             if self.fall_reason:
                 return False
         return True
-
-    def _motor_step(self, targets: FloatArray, recorder: MotionRecorder) -> None:
-        position = self._position[self._joint_position]
-        velocity = self._velocity[self._joint_velocity]
-        wanted = pd_torque(self.robot.stiffness, self.robot.damping, targets, position, velocity)
-        self.drive_joints(wanted, targets, recorder)
 
     def drive_joints(
         self, desired_torque: FloatArray, targets: FloatArray, recorder: MotionRecorder
@@ -347,9 +304,6 @@ class Plant:
             desired_torque: ``(joints,)`` joint side [N m], before the motors' limits.
             targets: ``(joints,)`` [rad], only recorded.
             recorder: takes a sample every ``options.record_every`` motor steps.
-
-        Returns:
-            What the motors gave.
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         if self._strength != 1.0:
@@ -357,25 +311,18 @@ class Plant:
         self.drive_output = drive
         self.data.ctrl[:] = drive.torque
         self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self._drag_area)
-        self._begin_step()
-        if self._motor_steps % self.options.record_every == 0:
-            recorder.sample(self.data, drive, targets)
-        self._motor_steps += 1
-        self.fall_reason = self._find_fall()
-        self._apply_stops()
-        self._finish_step()
-        recorder.watch_step(self.data)
-        for _ in range(self.options.substeps - 1):
-            self._begin_step()
+        for substep in range(self.options.substeps):
+            mujoco.mj_step1(self.model, self.data)
+            self.pads.press()
+            if substep == 0:
+                if self._motor_steps % self.options.record_every == 0:
+                    recorder.sample(self.data, drive, targets)
+                self.fall_reason = self._find_fall()
             self._apply_stops()
             self._finish_step()
             recorder.watch_step(self.data)
+        self._motor_steps += 1
         return drive
-
-    def _begin_step(self) -> None:
-        """Find out all that follows from the present state."""
-        mujoco.mj_step1(self.model, self.data)
-        self.pads.press()
 
     def _finish_step(self) -> None:
         """Go on to the next state."""
@@ -386,10 +333,8 @@ class Plant:
         within = (self._position > self._free_lower) & (self._position < self._free_upper)
         free = np.count_nonzero(within) == len(within)  # a third of the time that ``all`` takes
         if not free:
-            position = self._position[self._joint_position]
-            velocity = self._velocity[self._joint_velocity]
             self.data.qfrc_applied[self._joint_velocity] = soft_stop_torque(
-                position, velocity, self.robot.position_limits, self.robot.soft_stop
+                *self.joint_state(), self.robot.position_limits, self.robot.soft_stop
             )
         elif self._stopping:
             self.data.qfrc_applied[self._joint_velocity] = 0.0

@@ -13,34 +13,21 @@ from sprintlab.core.checks import check_positive, check_range
 class TrialSettings:
     """What differs between the trials of one protocol.
 
-    Attributes:
-        seed: seed of the initial joint noise, >= 0.
-        joint_noise: half-width of the uniform initial joint noise [rad], 0 to 0.3.
-        friction: sliding friction of feet and floor, 0.1 to 2.
-        payload: mass added to the trunk [kg], -5 to 20.
-        center_of_mass: shift of the trunk's centre of mass, forward, left, up [m], each -0.2 to 0.2.
-        strength: torque that the drives deliver over what their currents should give, 0.5 to 1.5.
-        delay: from the policy's reading to the joints' new targets [s], 0 to 0.02; in whole motor steps.
-        joint_offset: half-width of the errors of the encoders' zeros, drawn once a trial [rad], 0 to 0.2.
-        sensor_noise: uniform noise on each reading, over that of ``SENSOR_NOISE``, 0 to 10.
-        push_speed: by which a push changes the trunk's velocity, in a random direction [m/s], 0 to 5.
-        push_interval: mean time between two pushes [s].
-
     Raises:
         InvalidValueError: a field is outside its range.
     """
 
-    seed: int = 0
-    joint_noise: float = 0.0
-    friction: float = 0.85
-    payload: float = 0.0
-    center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    strength: float = 1.0
-    delay: float = 0.0
-    joint_offset: float = 0.0
-    sensor_noise: float = 0.0
-    push_speed: float = 0.0
-    push_interval: float = 3.0
+    seed: int = 0  # of the initial joint noise, >= 0
+    joint_noise: float = 0.0  # half-width of the uniform initial joint noise [rad], to 0.3
+    friction: float = 0.85  # sliding friction of feet and floor, 0.1 to 2
+    payload: float = 0.0  # mass added to the trunk [kg], -5 to 20
+    center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)  # shift forward, left, up [m], to 0.2
+    strength: float = 1.0  # torque that the drives deliver over what their currents should give, 0.5 to 1.5
+    delay: float = 0.0  # from the policy's reading to the joints' new targets [s], to 0.02
+    joint_offset: float = 0.0  # half-width of the errors of the encoders' zeros, drawn once [rad], to 0.2
+    sensor_noise: float = 0.0  # uniform noise on each reading, over that of ``SENSOR_NOISE``, to 10
+    push_speed: float = 0.0  # by which a push changes the trunk's velocity, any direction [m/s], to 5
+    push_interval: float = 3.0  # mean time between two pushes [s]
 
     def __post_init__(self) -> None:
         check_range("trial.seed", self.seed, 0, 2**32 - 1)

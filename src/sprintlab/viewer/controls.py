@@ -31,9 +31,6 @@ _PAD_HELP = (
 class Controls:
     """The main panel, docked at the right edge.
 
-    Attributes:
-        pace: simulated seconds a second; 0 while paused.
-
     Args:
         server: the page.
         session: what the knobs turn.
@@ -51,16 +48,36 @@ class Controls:
         find: Callable[[], None],
     ) -> None:
         self._gui, self._session, self._do = server.gui, session, do
-        self._darken, self._find = darken, find
-        gui = server.gui
+        self._actions: dict[str, Callable[[], object]] = {
+            "Stop": self._stop,
+            "Stand up": lambda: do(session.reset),
+            "Find": find,
+            **{side: lambda side=side: self._push(side) for side in _PUSHES},
+        }
+        gui, volts = server.gui, session.knobs.bus_voltage
         with gui.add_folder("Command"):
-            self._add_command()
+            self._speed = self._slider("speed", "Speed (m/s)", (-2.0, TOP_SPEED, 0.1), 0.0)
+            self._turn = self._slider("yaw_rate", "Turn (rad/s)", (-1.0, 1.0, 0.05), 0.0)
+            hint = "Command at most 1 m/s ahead of the measured speed"
+            self._turns(gui.add_checkbox("Self-paced", False, hint=hint), "self_paced", bool)
+            self._add_keys()
+            self._buttons("Robot", ("Stop", "Stand up", "Find"), _KEYS_HINT)
+            self._pad = gui.add_html("", visible=False)
         with gui.add_folder("Time and light"):
-            self._add_time()
+            self._pace = gui.add_dropdown("Pace", tuple(PACES))
+            self._paused = gui.add_checkbox("Pause", False)
+            dark = gui.add_checkbox("Dark page", False)
+            dark.on_update(lambda _: darken(dark.value))
         with gui.add_folder("Policy and motors"):
-            self._add_machine()
+            self._turns(gui.add_dropdown("Policy", session.policy_names), "policy", str)
+            self._turns(gui.add_dropdown("Motor model", MOTOR_MODELS), "motor_model", str)
+            self._slider("bus_voltage", "Bus voltage (V)", (10.0, 1.5 * volts, 1.0), volts)
         with gui.add_folder("Disturb"):
-            self._add_disturbances()
+            self._impulse = gui.add_slider("Push (N s)", min=5.0, max=100.0, step=5.0, initial_value=30.0)
+            self._buttons("Push from", tuple(_PUSHES))
+            self._slider("slope", "Slope (deg)", (-15.0, 15.0, 0.5), 0.0, math.radians)
+            self._slider("friction", "Friction", (0.1, 1.5, 0.05), session.knobs.friction)
+            self._slider("payload", "Payload (kg)", (-5.0, 20.0, 0.5), 0.0)
         gui.main_panel.dock_right()
 
     @property
@@ -75,14 +92,9 @@ class Controls:
             reach = self._speed.max if speed > 0.0 else -self._speed.min
             _move(self._speed, reach * speed)
             _move(self._turn, self._turn.max * turn)
-        actions: dict[str, Callable[[], object]] = {
-            "push-left": lambda: self._push("Right"),
-            "push-right": lambda: self._push("Left"),
-            "stop": self._stop,
-            "stand-up": lambda: self._do(self._session.reset),
-        }
+        names = {"push-left": "Right", "push-right": "Left", "stop": "Stop", "stand-up": "Stand up"}
         for name in reading.actions:
-            actions[name]()
+            self._actions[names[name]]()
 
     def show_pad(self, pad: Gamepad) -> None:
         """Say whether the gamepad is there, and what its sticks and buttons do."""
@@ -91,31 +103,27 @@ class Controls:
         self._pad.content = f'<div class="sprintlab" id="gamepad" data-state="{state}">{words}</div>'
         self._pad.visible = True
 
-    # --- panels --------------------------------------------------------------------------------------------
+    def _slider(
+        self,
+        knob: str,
+        label: str,
+        span: tuple[float, float, float],
+        value: float,
+        convert: Callable[[Any], Any] = float,
+    ) -> Any:
+        """A slider with least and greatest value and step that turns one knob."""
+        low, high, step = span
+        slider = self._gui.add_slider(label, min=low, max=high, step=step, initial_value=value)
+        self._turns(slider, knob, convert)
+        return slider
 
-    def _add_command(self) -> None:
-        gui = self._gui
-        self._speed = gui.add_slider("Speed (m/s)", min=-2.0, max=TOP_SPEED, step=0.1, initial_value=0.0)
-        self._turn = gui.add_slider("Turn (rad/s)", min=-1.0, max=1.0, step=0.05, initial_value=0.0)
-        paced = gui.add_checkbox(
-            "Self-paced", False, hint="Command at most 1 m/s ahead of the measured speed"
-        )
-        self._turns(self._speed, "speed", float)
-        self._turns(self._turn, "yaw_rate", float)
-        self._turns(paced, "self_paced", bool)
-        self._add_keys()
-        buttons = gui.add_button_group("Robot", ("Stop", "Stand up", "Find"), hint=_KEYS_HINT)
+    def _turns(self, handle: Any, knob: str, convert: Callable[[Any], Any]) -> None:
+        """Let a control of the page turn one knob."""
+        handle.on_update(lambda _: self._do(lambda: self._session.turn(**{knob: convert(handle.value)})))
 
-        @buttons.on_click
-        def _(_: Any) -> None:
-            actions: dict[str, Callable[[], object]] = {
-                "Stop": self._stop,
-                "Stand up": lambda: self._do(self._session.reset),
-                "Find": self._find,
-            }
-            actions[buttons.value]()
-
-        self._pad = gui.add_html("", visible=False)
+    def _buttons(self, label: str, names: tuple[str, ...], hint: str | None = None) -> None:
+        buttons = self._gui.add_button_group(label, names, hint=hint)
+        buttons.on_click(lambda _: self._actions[buttons.value]())
 
     def _add_keys(self) -> None:
         """Let keys of the keyboard move the sliders; viser's camera has W, A, S, D, Q, E and the arrows."""
@@ -127,66 +135,13 @@ class Controls:
             "L": ("Turn right", lambda: _move(turn, turn.value - 0.1)),
             "U": ("Straight on", lambda: _move(turn, 0.0)),
             "X": ("Stop", self._stop),
-            "F": ("Find the robot", self._find),
+            "F": ("Find the robot", self._actions["Find"]),
         }
         for key, (label, action) in keys.items():
-            self._add_key(key, label, action)
-
-    def _add_key(self, key: Any, label: str, action: Callable[[], object]) -> None:
-        command = self._gui.add_command(label, hotkey=key)
-
-        @command.on_trigger
-        def _(_: Any) -> None:
-            action()
-
-    def _add_time(self) -> None:
-        gui = self._gui
-        self._pace = gui.add_dropdown("Pace", tuple(PACES))
-        self._paused = gui.add_checkbox("Pause", False)
-        dark = gui.add_checkbox("Dark page", False)
-
-        @dark.on_update
-        def _(_: Any) -> None:
-            self._darken(dark.value)
-
-    def _add_machine(self) -> None:
-        gui, volts = self._gui, self._session.knobs.bus_voltage
-        policy = gui.add_dropdown("Policy", self._session.policy_names)
-        model = gui.add_dropdown("Motor model", MOTOR_MODELS)
-        bus = gui.add_slider("Bus voltage (V)", min=10.0, max=1.5 * volts, step=1.0, initial_value=volts)
-        self._turns(policy, "policy", str)
-        self._turns(model, "motor_model", str)
-        self._turns(bus, "bus_voltage", float)
-
-    def _add_disturbances(self) -> None:
-        gui, knobs = self._gui, self._session.knobs
-        self._impulse = gui.add_slider("Push (N s)", min=5.0, max=100.0, step=5.0, initial_value=30.0)
-        pushes = gui.add_button_group("Push from", tuple(_PUSHES))
-        slope = gui.add_slider("Slope (deg)", min=-15.0, max=15.0, step=0.5, initial_value=0.0)
-        friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=knobs.friction)
-        payload = gui.add_slider("Payload (kg)", min=-5.0, max=20.0, step=0.5, initial_value=0.0)
-        self._turns(slope, "slope", math.radians)
-        self._turns(friction, "friction", float)
-        self._turns(payload, "payload", float)
-
-        @pushes.on_click
-        def _(_: Any) -> None:
-            self._push(pushes.value)
-
-    # --- actions -------------------------------------------------------------------------------------------
-
-    def _turns(self, handle: Any, knob: str, convert: Callable[[Any], Any]) -> None:
-        """Let a control of the page turn one knob."""
-
-        @handle.on_update
-        def _(_: Any) -> None:
-            self._do(lambda: self._session.turn(**{knob: convert(handle.value)}))
+            self._gui.add_command(label, hotkey=key).on_trigger(lambda _, action=action: action())
 
     def _push(self, side: str) -> None:
-        direction, impulse = _PUSHES.get(side, (0.0, 0.0)), self._impulse.value
-        if not self._impulse.min <= impulse <= self._impulse.max:
-            return
-        forward, left = (impulse * part for part in direction)
+        forward, left = (self._impulse.value * part for part in _PUSHES[side])
         self._do(lambda: self._session.push(forward, left))
 
     def _stop(self) -> None:

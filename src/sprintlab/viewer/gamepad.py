@@ -21,22 +21,16 @@ ACTIONS = ("push-right", "push-left", STOP, "stand-up")
 class PadReading:
     """What the pad says now.
 
-    Attributes:
-        sticks: wanted shares of highest speed and turning rate, -1 to 1, forward and left positive;
-            ``None`` while the sticks rest, so that a slider moved by hand stays where it is.
-        actions: what was asked for since the last reading.
+    Sticks are wanted shares of highest speed and turning rate, -1 to 1, forward and left positive; ``None``
+    while they rest, so that a slider moved by hand stays where it is.
     """
 
     sticks: tuple[float, float] | None = None
-    actions: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()  # asked for since the last reading
 
 
 class Gamepad:
-    """A pad that may be unplugged and plugged in again.
-
-    Args:
-        device: the joystick device.
-        clock: present time [s].
+    """A pad that may be unplugged and plugged in again; ``clock`` gives the present time [s].
 
     Raises:
         JoystickError: there is no such device now, or it may not be read.

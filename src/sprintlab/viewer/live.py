@@ -40,30 +40,19 @@ LYING_TIME = 1.0
 class Knobs:
     """What can be changed while the robot runs.
 
-    Attributes:
-        speed: wanted forward speed [m/s], -3 to 20.
-        yaw_rate: wanted turning rate [rad/s], -2 to 2.
-        self_paced: hold the command near the measured speed, as ``self_paced`` does.
-        policy: name of the policy.
-        motor_model: one of ``sprintlab.motors.MOTOR_MODELS``.
-        bus_voltage: [V].
-        friction: sliding friction of feet and floor, 0.1 to 2.
-        payload: mass on the trunk [kg], -5 to 20.
-        slope: uphill angle of the ground [rad], -0.35 to 0.35.
-
     Raises:
         InvalidValueError: a field is outside its range.
     """
 
-    speed: float = 0.0
-    yaw_rate: float = 0.0
-    self_paced: bool = False
+    speed: float = 0.0  # wanted forward speed [m/s], -3 to 20
+    yaw_rate: float = 0.0  # wanted turning rate [rad/s], -2 to 2
+    self_paced: bool = False  # hold the command near the measured speed
     policy: str = ""
     motor_model: MotorModel = "refined"
-    bus_voltage: float = 60.0
-    friction: float = 0.85
-    payload: float = 0.0
-    slope: float = 0.0
+    bus_voltage: float = 60.0  # [V]
+    friction: float = 0.85  # sliding friction of feet and floor, 0.1 to 2
+    payload: float = 0.0  # mass on the trunk [kg], -5 to 20
+    slope: float = 0.0  # uphill angle of the ground [rad], -0.35 to 0.35
 
     def __post_init__(self) -> None:
         check_range("speed", self.speed, -3.0, 20.0, "m/s")
@@ -80,7 +69,6 @@ class LivePlant(Plant):
 
     def __init__(self, robot: RobotDescription, options: PlantOptions | None = None) -> None:
         super().__init__(robot, options or PlantOptions(), TrialSettings())
-        self._trunk = self.model.body("trunk").id
         self._trunk_mass = float(self.model.body_mass[self._trunk])
 
     def change_motors(self, model: MotorModel, bus_voltage: float) -> None:
@@ -112,29 +100,17 @@ class LivePlant(Plant):
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """What the robot does now.
+    """What the robot does now."""
 
-    Attributes:
-        time: simulated time since the start of the session [s].
-        speed: forward speed in the heading frame [m/s].
-        command: what the policy is given: forward, left [m/s], yaw rate [rad/s].
-        bus_power: electrical power of all motors, mean over the last advance [W].
-        joint_speed: ``(n, joints)`` joint side [rad/s], samples of the last advance, oldest first.
-        motor_torque: ``(n, joints)`` motor side [N m], same samples.
-        distance: way along x since the robot stood up [m].
-        falls: how often it fell.
-        fall_reason: why it lies on the ground; empty while it runs.
-    """
-
-    time: float
-    speed: float
-    command: tuple[float, float, float]
-    bus_power: float
-    joint_speed: FloatArray
-    motor_torque: FloatArray
-    distance: float
-    falls: int
-    fall_reason: str
+    time: float  # simulated time since the start of the session [s]
+    speed: float  # forward speed in the heading frame [m/s]
+    command: tuple[float, float, float]  # what the policy is given: forward, left [m/s], yaw rate [rad/s]
+    bus_power: float  # electrical power of all motors, mean over the last advance [W]
+    joint_speed: FloatArray  # (n, joints) joint side [rad/s], samples of the last advance, oldest first
+    motor_torque: FloatArray  # (n, joints) motor side [N m], same samples
+    distance: float  # way along x since the robot stood up [m]
+    falls: int  # how often it fell
+    fall_reason: str  # why it lies on the ground; empty while it runs
 
 
 @dataclass
@@ -184,8 +160,7 @@ class Session:
         self.plant = LivePlant(robot, options)
         self._runtimes = {name: PolicyRuntime(policy, robot) for name, policy in policies.items()}
         self.knobs = Knobs(policy=next(iter(policies)), bus_voltage=float(robot.bus_voltage))
-        joints = np.array([self.plant.model.joint(name).dofadr[0] for name in robot.joint_names])
-        self._samples = _Samples(joints)
+        self._samples = _Samples(self.plant.joint_addresses[1])
         self._steps_per_action = round(self.plant.options.motor_rate / POLICY_RATE)
         self._steps, self._falls, self._fallen_steps, self._earlier = 0, 0, 0, 0.0
         self._start_run()
@@ -244,13 +219,9 @@ class Session:
         self._steps += 1
         if self._fallen_steps == 0:
             if not self.plant.advance(self._targets, 1, self._samples):
-                self._falls += 1
-                self._fallen_steps = 1
+                self._falls, self._fallen_steps = self._falls + 1, 1
             return
-        self._lie()
-
-    def _lie(self) -> None:
-        """Motors off until it is time to stand up."""
+        # It lies, motors off, until it is time to stand up.
         self.plant.drive_joints(np.zeros_like(self._targets), self._targets, self._samples)
         self._fallen_steps += 1
         if self._fallen_steps > LYING_TIME * self.plant.options.motor_rate:
@@ -278,7 +249,7 @@ class Session:
         return Snapshot(
             time=self._earlier + self.plant.time,
             speed=base.forward_speed,
-            command=(float(self.command[0]), float(self.command[1]), float(self.command[2])),
+            command=tuple(self.command.tolist()),
             bus_power=float(power.mean()) if len(power) else 0.0,
             joint_speed=speed,
             motor_torque=torque,

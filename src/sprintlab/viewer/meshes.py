@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,19 +26,12 @@ _BOX_SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """Triangles of one colour on one body.
-
-    Attributes:
-        body: name of the body.
-        vertices: ``(n, 3)`` in the body's frame [m].
-        faces: ``(m, 3)`` indices of vertices, counter-clockwise seen from outside.
-        color: red, green, blue, 0 to 1.
-    """
+    """Triangles of one colour on one body."""
 
     body: str
-    vertices: FloatArray
-    faces: NDArray[np.int64]
-    color: tuple[float, float, float]
+    vertices: FloatArray  # (n, 3) in the body's frame [m]
+    faces: NDArray[np.int64]  # (m, 3) indices of vertices, counter-clockwise seen from outside
+    color: tuple[float, float, float]  # red, green, blue, 0 to 1
 
 
 def robot_surfaces(model: mujoco.MjModel) -> tuple[Surface, ...]:
@@ -53,8 +45,8 @@ def robot_surfaces(model: mujoco.MjModel) -> tuple[Surface, ...]:
     for geom in dressed or on_robot:
         parts[int(model.geom_bodyid[geom]), _color(model, geom)].append(geom_mesh(model, geom))
     return tuple(
-        Surface(body=model.body(body).name, color=color, **_joined(meshes))
-        for (body, color), meshes in parts.items()
+        Surface(body=model.body(body).name, color=color, vertices=vertices, faces=faces)
+        for (body, color), (vertices, faces) in ((key, _joined(meshes)) for key, meshes in parts.items())
     )
 
 
@@ -72,15 +64,14 @@ def geom_mesh(model: mujoco.MjModel, geom: int) -> Mesh:
 
 def _local_mesh(model: mujoco.MjModel, geom: int) -> Mesh:
     kinds = mujoco.mjtGeom
-    size, kind = model.geom_size[geom], model.geom_type[geom]
-    if kind == kinds.mjGEOM_MESH:
-        return _stored_mesh(model, int(model.geom_dataid[geom]))
+    size, kind, ball = model.geom_size[geom], model.geom_type[geom], capsule(1.0, 0.0)
     makers = {
         kinds.mjGEOM_SPHERE: lambda: capsule(size[0], 0.0),
         kinds.mjGEOM_CAPSULE: lambda: capsule(size[0], size[1]),
         kinds.mjGEOM_CYLINDER: lambda: cylinder(size[0], size[1]),
-        kinds.mjGEOM_ELLIPSOID: lambda: _scaled(capsule(1.0, 0.0), size),
+        kinds.mjGEOM_ELLIPSOID: lambda: (ball[0] * size, ball[1]),
         kinds.mjGEOM_BOX: lambda: box(size),
+        kinds.mjGEOM_MESH: lambda: _stored_mesh(model, int(model.geom_dataid[geom])),
     }
     return makers[kinds(kind)]()
 
@@ -97,8 +88,7 @@ def cylinder(radius: float, half_length: float) -> Mesh:
     side = _revolved(np.array([radius, radius]), np.array([-half_length, half_length]))
     lower = _revolved(np.array([0.0, radius]), np.full(2, -half_length))
     upper = _revolved(np.array([radius, 0.0]), np.full(2, half_length))
-    joined = _joined([side, lower, upper])
-    return joined["vertices"], joined["faces"]
+    return _joined([side, lower, upper])
 
 
 def box(half_size: FloatArray) -> Mesh:
@@ -128,18 +118,11 @@ def _stored_mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
     return vertices, model.mesh_face[first_face : first_face + faces].astype(np.int64)
 
 
-def _scaled(mesh: Mesh, scale: FloatArray) -> Mesh:
-    return mesh[0] * scale, mesh[1]
-
-
-def _joined(meshes: list[Mesh]) -> dict[str, Any]:
+def _joined(meshes: list[Mesh]) -> Mesh:
     """Several meshes as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
     faces = [triangles + start for (_, triangles), start in zip(meshes, starts, strict=True)]
-    return {
-        "vertices": np.concatenate([vertices for vertices, _ in meshes]),
-        "faces": np.concatenate(faces),
-    }
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
 def _color(model: mujoco.MjModel, geom: int) -> tuple[float, float, float]:

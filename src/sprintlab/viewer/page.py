@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import socket
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,7 +19,6 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
-from sprintlab.viewer.listening import free_port
 from sprintlab.viewer.live import Session, Snapshot
 from sprintlab.viewer.plots import Plots
 from sprintlab.viewer.scene import Scene
@@ -37,25 +37,33 @@ _LONGEST_ADVANCE = 0.1  # simulated seconds in one picture, however late it is
 class PageOptions:
     """Where the page is served, and what drives it besides the browser.
 
-    Attributes:
-        host: interface to listen on; ``localhost`` keeps it on this machine.
-        port: first port to try, 1 to 65535.
-        duration: stop after this time [s]; ``None`` runs until interrupted.
-        gamepad: joystick device that moves the sliders too; ``None`` for none.
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
-    host: str = "localhost"
-    port: int = 8080
-    duration: float | None = None
-    gamepad: Path | None = None
+    host: str = "localhost"  # interface to listen on; ``localhost`` keeps it on this machine
+    port: int = 8080  # first port to try, 1 to 65535
+    duration: float | None = None  # stop after this time [s]; None runs until interrupted
+    gamepad: Path | None = None  # joystick device that moves the sliders too
 
     def __post_init__(self) -> None:
         check_range("port", self.port, 1, 65535)
         if self.duration is not None:
             check_positive("duration", self.duration, "s")
+
+
+def check_host(host: str) -> None:
+    """Refuse a host that is unknown or no interface of this machine: a server would try for ever.
+
+    Raises:
+        SprintlabError: as said.
+    """
+    try:
+        for family, _, _, _, (address, *_) in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM):
+            with socket.socket(family, socket.SOCK_STREAM) as server:
+                server.bind((address, 0))
+    except (OSError, UnicodeError) as error:
+        raise SprintlabError(f"cannot listen at {host!r}: {error}") from error
 
 
 class PaceMeter:
@@ -88,7 +96,7 @@ class Page:
     def __init__(self, session: Session, options: PageOptions) -> None:
         self.session = session
         self.options = options
-        port = free_port(options.host, options.port)
+        check_host(options.host)
         self._pad = None if options.gamepad is None else Gamepad(options.gamepad)
         self._pad_shown = ""
         self._actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
@@ -98,7 +106,7 @@ class Page:
         # viser's banner is not shown: the command says where the page is.
         with redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(
-                host=options.host, port=port, label="sprintlab play", verbose=False
+                host=options.host, port=options.port, label="sprintlab play", verbose=False
             )
         self._scene = Scene(self.server, session)
         self._darken(False)
@@ -130,17 +138,14 @@ class Page:
                 picture, last = picture + 1, now
                 time.sleep(max(0.0, 1.0 / FRAME_RATE - (time.perf_counter() - now)))
         finally:
-            self._stop()
+            if self._pad is not None:
+                self._pad.close()
+            with redirect_stdout(io.StringIO()):
+                self.server.stop()
 
     def end(self) -> None:
         """Let ``run`` return after the present picture; any thread may ask for it."""
         self._ended = True
-
-    def _stop(self) -> None:
-        if self._pad is not None:
-            self._pad.close()
-        with redirect_stdout(io.StringIO()):
-            self.server.stop()
 
     def _follow_pad(self) -> None:
         if self._pad is None:

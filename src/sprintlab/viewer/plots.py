@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,9 @@ PLOT_SECONDS = 10.0
 """Simulated time that the curves show [s]."""
 
 SPEED_WINDOW = 0.4
-"""Time over which the shown speed is averaged [s]."""
+"""Time over which the shown speed is averaged, a few strides [s]."""
 
 _STEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0, 50.0, 100.0)
-_HEIGHT = 120
 _STYLE = """<style>
 .envelope { width: 100%; display: block; margin: 2px 0; }
 .envelope .axis { stroke: #868e96; stroke-width: .7; opacity: .6; fill: none; }
@@ -69,54 +67,47 @@ class Plots:
         self._recent.append((snapshot.time, snapshot.speed))
         while self._recent[0][0] < snapshot.time - SPEED_WINDOW:
             self._recent.popleft()
-        speed = self._mean_speed()
-        self._curves.append((snapshot.time, speed, snapshot.command[0], snapshot.bus_power / 1e3))
+        power = snapshot.bus_power / 1e3
+        self._curves.append((snapshot.time, self._mean_speed(snapshot), snapshot.command[0], power))
         while self._curves[0][0] < snapshot.time - PLOT_SECONDS:
             self._curves.popleft()
         if len(snapshot.joint_speed):
             self._last = snapshot
 
-    def _mean_speed(self) -> float:
-        """Over a few strides: the trunk swings with each, and a swing is not a speed."""
-        return sum(speed for _, speed in self._recent) / len(self._recent)
+    def _mean_speed(self, snapshot: Snapshot) -> float:
+        """The trunk swings with each stride, and a swing is not a speed."""
+        recent = [speed for _, speed in self._recent]
+        return sum(recent) / len(recent) if recent else snapshot.speed
 
     def draw(self, snapshot: Snapshot, knobs: Knobs, pace: float) -> None:
         """Send numbers, curves and motors to the page; ``pace`` is in simulated seconds a second."""
-        self._status.content = _STYLE + status_text(
-            replace(snapshot, speed=self._mean_speed()) if self._recent else snapshot, pace
-        )
+        self._status.content = _STYLE + status_text(snapshot, self._mean_speed(snapshot), pace)
         if len(self._curves) < 2 or self._last is None:
             return
         moment, speed, command, power = np.array(self._curves).T
         self._speed.show(moment, speed, command)
         self._power.show(moment, power)
-        drawing = self._envelope.draw(
-            self._last.joint_speed, self._last.motor_torque, knobs.motor_model, knobs.bus_voltage
-        )
+        points = self._last.joint_speed, self._last.motor_torque
+        drawing = self._envelope.draw(*points, knobs.motor_model, knobs.bus_voltage)
         self._envelopes.content = f'<div class="sprintlab">{drawing}</div>'
 
 
 class _Curves:
-    """One plot over time, whose range of values changes in steps, so that it does not jump.
+    """One plot over time, with curves in colours by name; its range of values changes in steps.
 
     The range is held by an unseen curve: a plot whose scales are replaced while it runs stands still.
-
-    Args:
-        gui: where it is added.
-        colors: colors of the curves by name.
     """
 
     def __init__(self, gui: Any, colors: Mapping[str, str]) -> None:
         looks = [{"label": name, "stroke": color, "width": 2} for name, color in colors.items()]
         if len(colors) > 1:
             gui.add_html(f'<div class="sprintlab">{legend(colors)}</div>')
-        empty = np.zeros(2)
         self._plot = gui.add_uplot(
-            (empty,) * (len(looks) + 2),
+            (np.zeros(2),) * (len(looks) + 2),
             ({"label": "s"}, *looks, {"label": "", "stroke": "transparent", "width": 0}),
             scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
             legend={"show": False},
-            height=_HEIGHT,
+            height=120,
         )
 
     def show(self, moment: NDArray[Any], *values: NDArray[Any]) -> None:
@@ -138,26 +129,26 @@ def _step_above(value: float) -> float:
     return next((step for step in _STEPS if step >= value), value)
 
 
-def status_text(snapshot: Snapshot, pace: float) -> str:
+def status_text(snapshot: Snapshot, speed: float, pace: float) -> str:
     """Speed, command, power, way and pace; ``data-`` attributes for programs that read the page."""
     state = f'<span class="fell">fell: {snapshot.fall_reason}</span>' if snapshot.fall_reason else "running"
     cells = (
-        (_number(snapshot.speed, 1), "m/s"),
-        (_number(snapshot.command[0], 1), "asked"),
-        (_number(snapshot.bus_power / 1e3, 1), "kW"),
-        (_number(snapshot.distance, 0), "m"),
+        (speed, 1, "m/s"),
+        (snapshot.command[0], 1, "asked"),
+        (snapshot.bus_power / 1e3, 1, "kW"),
+        (snapshot.distance, 0, "m"),
     )
-    row = "".join(f"<td><b>{value}</b> {unit}</td>" for value, unit in cells)
+    # The sum takes the minus sign from a zero.
+    row = "".join(
+        f"<td><b>{round(value, digits) + 0.0:.{digits}f}</b> {unit}</td>" for value, digits, unit in cells
+    )
     falls = "1 fall" if snapshot.falls == 1 else f"{snapshot.falls} falls"
+    numbers = {
+        "speed": speed, "time": snapshot.time, "distance": snapshot.distance, "command": snapshot.command[0],
+        "yaw-rate": snapshot.command[2], "falls": snapshot.falls, "pace": pace,
+    }  # fmt: skip
+    data = " ".join(f'data-{name}="{value:.3f}"' for name, value in numbers.items())
     return (
-        f'<div class="sprintlab" id="status" data-speed="{snapshot.speed:.3f}" '
-        f'data-time="{snapshot.time:.3f}" '
-        f'data-distance="{snapshot.distance:.3f}" data-command="{snapshot.command[0]:.3f}" '
-        f'data-yaw-rate="{snapshot.command[2]:.3f}" data-falls="{snapshot.falls}" data-pace="{pace:.3f}">'
-        f"<table><tr>{row}</tr></table>{state}, {falls}, {snapshot.time:.1f} s, {pace:.2f} x real time</div>"
+        f'<div class="sprintlab" id="status" {data}><table><tr>{row}</tr></table>'
+        f"{state}, {falls}, {snapshot.time:.1f} s, {pace:.2f} x real time</div>"
     )
-
-
-def _number(value: float, digits: int) -> str:
-    """A number without the minus sign of a zero."""
-    return f"{round(value, digits) + 0.0:.{digits}f}"

@@ -1,8 +1,7 @@
 """A recorded race as one HTML file with an interactive 3D scene: nothing to install, nothing to load.
 
-The page carries the robot's kinematic tree, its meshes and its generalized positions, and draws them with a
-small WebGL renderer of its own (``templates/replay.js``). Forward kinematics run in the page: positions
-of 23 coordinates take a fifth of the room that the poses of 21 bodies would.
+The page carries the robot's kinematic tree, its meshes and its generalized positions; forward kinematics and
+a small WebGL renderer run in it (``templates/replay.js``).
 """
 
 from __future__ import annotations
@@ -44,20 +43,14 @@ NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 class ReplayText:
     """What the page says about the run.
 
-    Attributes:
-        title: heading of the page.
-        subtitle: one line below it.
-        distance: where the clock stops [m].
-        runner: name of the first run where it runs against others; the robot's when left out.
-
     Raises:
         InvalidValueError: the distance is not positive.
     """
 
     title: str
-    subtitle: str = ""
-    distance: float = 100.0
-    runner: str = ""
+    subtitle: str = ""  # one line below the title
+    distance: float = 100.0  # where the clock stops [m]
+    runner: str = ""  # name of the first run where it runs against others; the robot's when left out
 
     def __post_init__(self) -> None:
         check_positive("replay.distance", self.distance, "m")
@@ -65,30 +58,19 @@ class ReplayText:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayRun:
-    """One recorded run of a page.
+    """One recorded run of a page."""
 
-    Attributes:
-        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
-        robot: the robot that ran.
-        name: what the page calls it where it runs against others.
-    """
-
-    arrays: Mapping[str, Array]
+    arrays: Mapping[str, Array]  # from ``load_arrays`` or ``Trajectory.arrays``
     robot: RobotDescription
-    name: str = ""
+    name: str = ""  # what the page calls it where it runs against others
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pace:
-    """A pace without a recording, as a runner on a lane of its own.
-
-    Attributes:
-        name: what the page calls it.
-        splits: time since the start [s] and distance [m], ``(n, 2)``, both rising.
-    """
+    """A pace without a recording, as a runner on a lane of its own."""
 
     name: str
-    splits: Sequence[tuple[float, float]]
+    splits: Sequence[tuple[float, float]]  # time since the start [s] and distance [m], both rising
 
 
 _BOLT = (
@@ -130,19 +112,7 @@ def write_replay(
     ghosts: Sequence[ReplayRun] = (),
     pace: Pace | None = None,
 ) -> None:
-    """Write the page.
-
-    Args:
-        path: the HTML file.
-        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
-        robot: the robot that ran.
-        text: what the page says about it.
-        ghosts: further runs, each on the next lane; all clocks start with the first command.
-        pace: a pace on the last lane.
-
-    Raises:
-        SprintlabError: the trajectory is another robot's, or the file cannot be written.
-    """
+    """Write ``render_replay`` to an HTML file."""
     atomic_write_text(path, render_replay(arrays, robot, text, ghosts, pace))
 
 
@@ -153,12 +123,22 @@ def render_replay(
     ghosts: Sequence[ReplayRun] = (),
     pace: Pace | None = None,
 ) -> str:
-    """The page as HTML text; arguments and errors as for ``write_replay``."""
+    """The page as HTML text.
+
+    Args:
+        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
+        robot: the robot that ran.
+        text: what the page says about it.
+        ghosts: further runs, each on the next lane; all clocks start with the first command.
+        pace: a pace on the last lane.
+
+    Raises:
+        SprintlabError: a trajectory is another robot's.
+    """
     runs = (ReplayRun(arrays=arrays, robot=robot, name=text.runner or robot.name), *ghosts)
     robots: dict[str, RobotDescription] = {run.robot.name: run.robot for run in runs}
     models = {name: build_model(one, ModelOptions(visuals=True)) for name, one in robots.items()}
     lap = any(is_lap(run.arrays) for run in runs)
-    splits = [] if pace is None else [list(map(float, column)) for column in zip(*pace.splits, strict=True)]
     scene = {
         "course": "lap" if lap else "straight",
         "distance": text.distance,
@@ -172,22 +152,17 @@ def render_replay(
             }
             for index, run in enumerate(runs)
         ],
-        "pace": pace
-        and {
-            "name": pace.name,
-            "color": PACE_COLOR,
-            "time": splits[0],
-            "way": splits[1],
-            "finish": splits[0][-1],
-        },
+        "pace": pace and _pace(pace),
     }
     # No text inside may end the script element it stands in.
     data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    loader = PackageLoader("sprintlab.viewer")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    script, _, _ = loader.get_source(pages, "replay.js")
-    page = pages.get_template("replay.html.j2")
-    return page.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
+    pages = Environment(loader=PackageLoader("sprintlab.viewer"), autoescape=True, undefined=StrictUndefined)
+    return pages.get_template("replay.html.j2").render(title=text.title, subtitle=text.subtitle, data=data)
+
+
+def _pace(pace: Pace) -> dict[str, Any]:
+    time, way = (list(map(float, column)) for column in zip(*pace.splits, strict=True))
+    return {"name": pace.name, "color": PACE_COLOR, "time": time, "way": way, "finish": time[-1]}
 
 
 def is_lap(arrays: Mapping[str, Array]) -> bool:
@@ -206,7 +181,7 @@ def _model(model: mujoco.MjModel, robot: RobotDescription) -> dict[str, Any]:
 
 
 def _run(run: ReplayRun, model: mujoco.MjModel, distance: float, lap: bool) -> dict[str, Any]:
-    """One run, its clock counted from its first command.
+    """One run: coordinates and traces of its frames, its clock counted from its first command.
 
     Raises:
         SprintlabError: the trajectory is another robot's.
@@ -221,25 +196,26 @@ def _run(run: ReplayRun, model: mujoco.MjModel, distance: float, lap: bool) -> d
         if arrays[name].shape[1] != len(robot.joint_names):
             joints = f"{arrays[name].shape[1]} joints, robot {robot.name} has {len(robot.joint_names)}"
             raise SprintlabError(f"{name} of the trajectory has {joints}")
-    frames = _frames(arrays["time"])
-    start = command_start(arrays["time"], arrays["command"])
-    way = _way(arrays["qpos"], lap)
-    finish = finish_time(arrays["time"] - start, way, distance)
-    kept = {name: values[frames] for name, values in arrays.items() if name in NEEDED_ARRAYS}
-    kept["time"] = kept["time"] - start
+    frames, qpos = _frames(arrays["time"]), arrays["qpos"]
+    time = arrays["time"] - command_start(arrays["time"], arrays["command"])
+    way = along_track(Track(), qpos)[0] if lap else qpos[:, 0]
+    way = way - way[0]
+    finish = finish_time(time, way, distance)
+    torque, speed = arrays["motor_torque"], arrays["joint_velocity"] * robot.gear.ratio
+    share = torque_share(torque, arrays["torque_lower"], arrays["torque_upper"])
+    traces = {
+        "way": way,
+        "time": time,
+        "qpos": qpos,
+        "speed": arrays["velocity"][:, 0],
+        "command": arrays["command"][:, 0],
+        "power": electrical_power(robot.motors, torque, speed).sum(axis=1),
+    }
     return {
         "finish": finish if math.isfinite(finish) else None,
-        "way": _packed(way[frames], np.float32),
-        **_recording(kept, robot),
+        **{name: _packed(values[frames], np.float32) for name, values in traces.items()},
+        "share": _packed(np.rint(100.0 * share[frames]), np.uint8),
     }
-
-
-def _way(qpos: Array, lap: bool) -> Array:
-    """Distance of the base along the track ``(T,)`` [m], zero at its first sample."""
-    if not lap:
-        return qpos[:, 0] - qpos[0, 0]
-    way, _ = along_track(Track(), qpos)
-    return way - way[0]
 
 
 def _frames(time: Array) -> NDArray[np.int64]:
@@ -248,21 +224,6 @@ def _frames(time: Array) -> NDArray[np.int64]:
     check_range("sample time", step, 1e-6, 1.0, "s")
     chosen = np.arange(0, len(time), max(1, round(1.0 / (FRAME_RATE * step))))
     return chosen if chosen[-1] == len(time) - 1 else np.append(chosen, len(time) - 1)
-
-
-def _recording(arrays: Mapping[str, Array], robot: RobotDescription) -> dict[str, Any]:
-    """Time, coordinates and traces of the frames."""
-    torque, speed = arrays["motor_torque"], arrays["joint_velocity"] * robot.gear.ratio
-    power = electrical_power(robot.motors, torque, speed).sum(axis=1)
-    share = torque_share(torque, arrays["torque_lower"], arrays["torque_upper"])
-    return {
-        "time": _packed(arrays["time"], np.float32),
-        "qpos": _packed(arrays["qpos"], np.float32),
-        "speed": _packed(arrays["velocity"][:, 0], np.float32),
-        "command": _packed(arrays["command"][:, 0], np.float32),
-        "power": _packed(power, np.float32),
-        "share": _packed(np.rint(100.0 * share), np.uint8),
-    }
 
 
 def torque_share(torque: Array, lower: Array, upper: Array) -> Array:
@@ -284,13 +245,14 @@ def _packed(values: Array, kind: Any) -> str:
 
 def _bodies(model: mujoco.MjModel) -> list[dict[str, Any]]:
     """The kinematic tree: parent, place in it, and the joints that move it."""
+    joints = [_joint(model, joint) for joint in range(model.njnt)]
     return [
         {
             "name": model.body(index).name,
             "parent": int(model.body_parentid[index]),
             "position": model.body_pos[index].tolist(),
             "quaternion": model.body_quat[index].tolist(),
-            "joints": [_joint(model, joint) for joint in np.flatnonzero(model.jnt_bodyid == index).tolist()],
+            "joints": [joints[joint] for joint in np.flatnonzero(model.jnt_bodyid == index)],
         }
         for index in range(model.nbody)
     ]

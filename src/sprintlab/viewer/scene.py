@@ -25,12 +25,7 @@ _CAMERA, _LOOK_AT = (-1.6, -2.4, 0.9), (0.1, 0.0, 0.35)  # beside the trunk, whi
 
 
 class Scene:
-    """The trunk stays in the middle and the ground passes below it.
-
-    Args:
-        server: the page.
-        session: the robot that is shown.
-    """
+    """A session's robot on a page: the trunk stays in the middle and the ground passes below it."""
 
     def __init__(self, server: viser.ViserServer, session: Session) -> None:
         self._scene = server.scene

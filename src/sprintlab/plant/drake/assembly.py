@@ -8,9 +8,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -52,17 +51,11 @@ _FRICTION_SPEED = 1e-3  # the same for a joint's dry friction [rad/s]
 _HOLD = 1e-3  # position gain that Drake wants of a controller [N m/rad]; friction limits its effort
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rotor:
-    """What turns behind the gear of a joint.
+class Rotor(NamedTuple):
+    """What turns behind the gear of a joint."""
 
-    Attributes:
-        inertia: motor side [kg m^2].
-        ratio: motor speed over joint speed [-].
-    """
-
-    inertia: float
-    ratio: float
+    inertia: float  # motor side [kg m^2]
+    ratio: float  # motor speed over joint speed [-]
 
 
 def rotors_of(robot: RobotDescription) -> dict[str, Rotor]:
@@ -70,31 +63,13 @@ def rotors_of(robot: RobotDescription) -> dict[str, Rotor]:
     inertia, ratio = (
         np.asarray(values).tolist() for values in (robot.motors.rotor_inertia, robot.gear.ratio)
     )
-    return {
-        name: Rotor(inertia=one, ratio=other)
-        for name, one, other in zip(robot.joint_names, inertia, ratio, strict=True)
-    }
+    return dict(zip(robot.joint_names, map(Rotor, inertia, ratio), strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Assembly:
-    """A robot in Drake.
-
-    Attributes:
-        diagram: plant and geometry together; it is what steps.
-        plant: the robot's bodies, joints and forces.
-        scene_graph: its shapes.
-        shapes: identifier of the shape that each geom of the compiled model became, by the geom's name.
-    """
-
-    diagram: Diagram
-    plant: MultibodyPlant
-    scene_graph: SceneGraph
-    shapes: dict[str, Any]
-
-
-def assemble(model: mujoco.MjModel, rotors: Mapping[str, Rotor], timestep: float) -> Assembly:
-    """Build the bodies of a compiled model in Drake.
+def assemble(
+    model: mujoco.MjModel, rotors: Mapping[str, Rotor], timestep: float
+) -> tuple[Diagram, MultibodyPlant]:
+    """Build the bodies of a compiled model in Drake: what steps, and the robot's bodies, joints and forces.
 
     Masses, inertias, frames, friction, springs, ranges and shapes are the numbers of ``model``, and which
     shapes may touch is decided as ``model`` decides it. ``rotors`` takes the place of its armatures.
@@ -124,12 +99,10 @@ def assemble(model: mujoco.MjModel, rotors: Mapping[str, Rotor], timestep: float
     for joint, rotor in rotors.items():
         _add_rotor(plant, joint, rotor, model)
     with without_remarks():
-        shapes = {
-            model.geom(geom).name: _add_shape(plant, model, geom, bodies) for geom in range(model.ngeom)
-        }
+        shapes = [_add_shape(plant, model, geom, bodies) for geom in range(model.ngeom)]
         plant.Finalize()
         _filter_collisions(scene_graph, model, shapes)
-    return Assembly(diagram=builder.Build(), plant=plant, scene_graph=scene_graph, shapes=shapes)
+    return builder.Build(), plant
 
 
 @contextmanager
@@ -230,36 +203,23 @@ def _add_shape(plant: MultibodyPlant, model: mujoco.MjModel, geom: int, bodies: 
         raise RobotModelError(f"geom {name!r}: the second engine knows plane, sphere, capsule and box")
     pose = RigidTransform(_rotation(model.geom_quat[geom]), model.geom_pos[geom])
     friction = float(model.geom_friction[geom, 0])
-    surface = surface_properties(stiffness, _LINK_DISSIPATION, friction)
+    surface = ProximityProperties()
+    AddContactMaterial(
+        dissipation=_LINK_DISSIPATION,
+        point_stiffness=stiffness,
+        friction=CoulombFriction(friction, friction),  # two equal ones give the same
+        properties=surface,
+    )
     return plant.RegisterCollisionGeometry(bodies[model.geom_bodyid[geom]], pose, shape, name, surface)
 
 
-def surface_properties(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:
-    """How a shape pushes back.
-
-    Args:
-        stiffness: stiffness of a point contact [N/m].
-        dissipation: Hunt and Crossley's coefficient [s/m].
-        friction: coefficient [-]; two equal ones give the same.
-    """
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=dissipation,
-        point_stiffness=stiffness,
-        friction=CoulombFriction(friction, friction),
-        properties=properties,
-    )
-    return properties
-
-
-def _filter_collisions(scene_graph: SceneGraph, model: mujoco.MjModel, shapes: dict[str, Any]) -> None:
+def _filter_collisions(scene_graph: SceneGraph, model: mujoco.MjModel, shapes: list[Any]) -> None:
     """Let touch what may touch in the compiled model, and nothing else."""
-    names = list(shapes)
     manager = scene_graph.collision_filter_manager()
-    manager.Apply(CollisionFilterDeclaration().AllowWithin(GeometrySet(list(shapes.values()))))
+    manager.Apply(CollisionFilterDeclaration().AllowWithin(GeometrySet(shapes)))
     for first, second in combinations(range(model.ngeom), 2):
         if not _may_touch(model, first, second):
-            one, other = (GeometrySet(shapes[names[geom]]) for geom in (first, second))
+            one, other = GeometrySet(shapes[first]), GeometrySet(shapes[second])
             manager.Apply(CollisionFilterDeclaration().ExcludeBetween(one, other))
 
 

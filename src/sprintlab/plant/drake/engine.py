@@ -35,17 +35,19 @@ class DrakeEngine:
     """
 
     def __init__(self, model: mujoco.MjModel, timestep: float, *, rotors: Mapping[str, Rotor]) -> None:
-        assembly = assemble(model, rotors, timestep)
-        self._diagram, self._plant = assembly.diagram, assembly.plant
+        self._diagram, self._plant = assemble(model, rotors, timestep)
         with without_remarks():
             self._root = self._diagram.CreateDefaultContext()
         self._context = self._plant.GetMyMutableContextFromRoot(self._root)
-        self._bind_joints(model)
-        self._bind_base(model)
-        self._fix_inputs()
+        self._bind(model)
+        controllers = self._plant.get_desired_state_input_port(default_model_instance())
+        if controllers.size():
+            controllers.FixValue(self._context, np.zeros(controllers.size()))
+        port = self._plant.get_applied_generalized_force_input_port()
+        self._applied = port.FixValue(self._context, self._force)
 
-    def _bind_joints(self, model: mujoco.MjModel) -> None:
-        """Where each joint's number of MuJoCo's state stands in Drake's."""
+    def _bind(self, model: mujoco.MjModel) -> None:
+        """Where each number of MuJoCo's state stands in Drake's; a free body comes first in MuJoCo's."""
         joints = [model.joint(index) for index in range(model.njnt)]
         hinges = [joint for joint in joints if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE]
         self._joint_position = np.array([joint.qposadr[0] for joint in hinges], dtype=int)
@@ -56,22 +58,12 @@ class DrakeEngine:
         self._own_velocity = self._plant.num_positions() + self._own_force
         self._state = np.zeros(self._plant.num_multibody_states())
         self._force = np.zeros(self._plant.num_velocities())
-
-    def _bind_base(self, model: mujoco.MjModel) -> None:
-        """The same for the free body, if there is one; it comes first in MuJoCo's state."""
         self._floating = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         if self._floating:
             base = self._plant.GetBodyByName(model.body(int(model.jnt_bodyid[0])).name)
             self._base_position = base.floating_positions_start()
             self._base_force = base.floating_velocities_start_in_v()
             self._base_velocity = self._base_force + self._plant.num_positions()
-
-    def _fix_inputs(self) -> None:
-        controllers = self._plant.get_desired_state_input_port(default_model_instance())
-        if controllers.size():
-            controllers.FixValue(self._context, np.zeros(controllers.size()))
-        port = self._plant.get_applied_generalized_force_input_port()
-        self._applied = port.FixValue(self._context, self._force)
 
     def step(self, position: FloatArray, velocity: FloatArray, force: FloatArray) -> None:
         """Advance ``position`` and ``velocity`` by one time step, in place.
@@ -93,18 +85,6 @@ class DrakeEngine:
             raise SimulationError(f"Drake's step failed: {error}") from error
         self._root.SetDiscreteState(after)
         self._take_state(position, velocity)
-
-    def mass_matrix(self, position: FloatArray) -> FloatArray:
-        """Mass matrix ``(nv, nv)`` at ``position``, rotors included, in MuJoCo's order [kg, kg m, kg m^2]."""
-        self._put_state(position, np.zeros(self._plant.num_velocities()))
-        matrix = self._plant.CalcMassMatrix(self._context)
-        change = np.zeros_like(matrix)
-        for column in range(len(change)):
-            velocity = np.zeros(len(change))
-            velocity[column] = 1.0
-            self._put_state(position, velocity)
-            change[:, column] = self._state[self._plant.num_positions() :]
-        return change.T @ matrix @ change
 
     def _put_state(self, position: FloatArray, velocity: FloatArray) -> None:
         state = self._state
