@@ -250,10 +250,10 @@ def draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: T
 
 
 def _envelope_legend(figure: Figure, theme: Theme) -> None:
-    fill = {"facecolor": theme.envelope, "edgecolor": theme.foreground}
+    fill: Any = {"facecolor": theme.envelope, "edgecolor": theme.foreground}
     handles: list[Any] = [Patch(**fill, label="refined (d-axis voltage included)")]
-    for style, label in (("--", "v_d = 0"), (":", "square")):
-        handles.append(Line2D([], [], color=theme.muted, linestyle=style, label=label))
+    handles.append(Line2D([], [], color=theme.muted, linestyle="--", label="v_d = 0"))
+    handles.append(Line2D([], [], color=theme.muted, linestyle=":", label="square"))
     for colour, label in ((theme.inside, "inside"), (theme.on_limit, "on the envelope")):
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label))
     figure_legend(figure, theme, handles)

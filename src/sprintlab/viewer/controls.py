@@ -48,7 +48,7 @@ class Controls:
         find: Callable[[], None],
     ) -> None:
         self._gui, self._session, self._do = server.gui, session, do
-        self._actions: dict[str, Callable[[], object]] = {
+        self._actions: dict[str, Callable[[], None]] = {
             "Stop": self._stop,
             "Stand up": lambda: do(session.reset),
             "Find": find,
@@ -128,7 +128,7 @@ class Controls:
     def _add_keys(self) -> None:
         """Let keys of the keyboard move the sliders; viser's camera has W, A, S, D, Q, E and the arrows."""
         speed, turn = self._speed, self._turn
-        keys: dict[Any, tuple[str, Callable[[], object]]] = {
+        keys: dict[Any, tuple[str, Callable[[], None]]] = {
             "I": ("Faster", lambda: _move(speed, speed.value + 0.5)),
             "K": ("Slower", lambda: _move(speed, speed.value - 0.5)),
             "J": ("Turn left", lambda: _move(turn, turn.value + 0.1)),

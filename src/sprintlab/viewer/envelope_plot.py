@@ -74,7 +74,8 @@ class EnvelopePlot:
             self._points(joint, zero, ends * top_torque),
         )
         lines = "".join(f'<polyline class="axis" points="{points}"/>' for points in axes)
-        laws = {"real": "refined"} if model == "refined" else {"real": "refined", "used": model}
+        laws: dict[str, MotorModel] = {"real": "refined"}
+        laws |= {} if model == "refined" else {"used": model}
         for style, law in laws.items():
             lines += f'<polygon class="{style}" points="{self._outline(joint, law, bus_voltage)}"/>'
         speed, torque = np.array([0.0, top_speed / _BEYOND]), np.array([top_torque / _BEYOND, 0.0])

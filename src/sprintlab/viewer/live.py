@@ -104,7 +104,7 @@ class Snapshot:
 
     time: float  # simulated time since the start of the session [s]
     speed: float  # forward speed in the heading frame [m/s]
-    command: tuple[float, float, float]  # what the policy is given: forward, left [m/s], yaw rate [rad/s]
+    command: tuple[float, ...]  # what the policy is given: forward, left [m/s], yaw rate [rad/s]
     bus_power: float  # electrical power of all motors, mean over the last advance [W]
     joint_speed: FloatArray  # (n, joints) joint side [rad/s], samples of the last advance, oldest first
     motor_torque: FloatArray  # (n, joints) motor side [N m], same samples
