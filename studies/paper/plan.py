@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
-from sprintlab.api.jobs import Job, run_jobs
 from sprintlab.cli.output import print_json, progress_bar
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.training.methods import ALL_METHODS
+from sprintlab.training.runs.sweep import SweptRun, plan_sweep, train_all
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import PRESETS, RESULTS, Runs, read_runs, record_path
 from studies.paper.verdicts import CLAIMS, OPEN, judge
@@ -42,12 +42,17 @@ class Training:
     method: str
     seed: int
 
-    def job(self, runs: Path, iterations: int = ITERATIONS, environments: int | None = None) -> Job:
-        """The training as a process that writes below a folder of runs."""
-        words = ["bp2", "--method", self.method, "--preset", self.preset, "--seed", str(self.seed)]
-        words += ["--iterations", str(iterations), "--plain"]
-        words += [] if environments is None else ["--environments", str(environments)]
-        return Job(words=tuple(words), folder=runs / self.preset / self.method / f"seed-{self.seed}")
+    def swept(self, runs: Path, iterations: int = ITERATIONS, environments: int | None = None) -> SweptRun:
+        """The training as a run of a sweep, below a folder of runs."""
+        (run,) = plan_sweep(
+            runs / self.preset,
+            methods=[self.method],
+            preset=self.preset,
+            seeds=[self.seed],
+            iterations=iterations,
+            environments=environments,
+        )
+        return replace(run, name=f"{self.preset} {run.name}", words=(*run.words, "--plain"))
 
 
 def study_trainings(runs: Runs) -> list[Training]:
@@ -100,7 +105,7 @@ class Plan:
     def run(self) -> int:
         """Print the missing commands."""
         lacking, planned = missing_trainings(self.results)
-        lines = [_line(job) for each in lacking if not (job := each.job(self.runs)).finished]
+        lines = [run.command for each in lacking if not (run := each.swept(self.runs)).finished]
         if self.json:
             print_json({"trainings": planned, "missing": lines})
             return 0
@@ -109,8 +114,8 @@ class Plan:
         return 0
 
 
-def _line(job: Job) -> str:
-    return shlex.join(["sprintlab", "train", *job.words, "--output", str(job.folder)])
+class TimeOver(Exception):
+    """The budget of minutes is used up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +130,7 @@ class Train:
         parallel: trainings side by side on the device.
         iterations: of each training.
         environments: robots side by side in each; the default of ``sprintlab train`` when left out.
+        retries: how often a training that failed or was killed is started again.
     """
 
     runs: tyro.conf.Positional[Path] = Path("runs/study")
@@ -134,19 +140,29 @@ class Train:
     parallel: int = 1
     iterations: int = ITERATIONS
     environments: int | None = None
+    retries: int = 1
 
     def run(self) -> int:
-        """Train; failures are told and the next training is begun."""
+        """Train until everything is done or the time is over.
+
+        Raises:
+            SprintlabError: trainings failed again and again; the others are done.
+        """
         check_range("parallel", self.parallel, 1, 64)
         check_positive("minutes", self.minutes, "min")
         until = time.monotonic() + max(60.0 * self.minutes - SPARE_SECONDS, 0.5 * 60.0 * self.minutes)
-        jobs = self._jobs(missing_trainings(self.results)[0])
-        with progress_bar() as report:
-            done = run_jobs(jobs, [self.device] * self.parallel, until, report)
-        print(f"{done} of {len(jobs)} trainings that have no record are finished")
-        return 0
+        lacking = missing_trainings(self.results)[0]
+        runs = [each.swept(self.runs, self.iterations, self.environments) for each in lacking]
+        runs.sort(key=lambda run: not (run.folder / "checkpoint.pt").is_file())  # begun ones first
 
-    def _jobs(self, trainings: Sequence[Training]) -> list[Job]:
-        """Those that were begun first, then the plan's order."""
-        jobs = [each.job(self.runs, self.iterations, self.environments) for each in trainings]
-        return sorted(jobs, key=lambda job: not job.begun)
+        def watch(states: Mapping[str, str]) -> None:
+            done = sum(state == "finished" for state in states.values())
+            report(f"{done} of {len(states)} trainings finished", done / max(len(states), 1))
+            if time.monotonic() >= until:
+                raise TimeOver
+
+        with progress_bar() as report, suppress(TimeOver):  # the trainings have then saved and ended
+            train_all(runs, [self.device] * self.parallel, self.retries, watch)
+        finished = sum(run.finished for run in runs)
+        print(f"{finished} of {len(runs)} trainings that have no record are finished")
+        return 0

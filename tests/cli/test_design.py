@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from sprintlab.api import design as command
-
 VARIED = ("design", "bp2", "--vary", "gear.hip=6,9", "--vary", "winding=0.8,1", "--workers", 1)
 
 
@@ -43,19 +41,20 @@ def test_a_run_that_was_stopped_goes_on_and_repeats_nothing(call, searched, monk
 def test_designs_are_trained_under_both_models_and_judged_by_the_refined_motor(call, monkeypatch):
     started = []
 
-    def train(jobs, devices, until, progress):
-        started.extend(jobs)
-        return len(jobs)
+    def train(runs, devices, retries, watch):
+        started.extend(runs)
+        watch({run.name: "finished" for run in runs})
 
     def held(policy, robot, judge, processes):
         trained, ratio = policy.parts[-3], float(robot.gear.ratio[1])
-        speed = 12.0 + (ratio - 6.0) * (0.5 if judge == "simplified-dc" else -0.5) - (trained != "refined")
+        speed = 12.0 + (ratio - 6.0) * (0.5 if judge == "simplified-dc" else -0.5) - (trained != "acs")
         return {"speed_m_s": speed, "power_W": 900.0 + 10.0 * ratio, "winding_degC": 70.0}
 
-    monkeypatch.setattr(command, "run_jobs", train)
-    monkeypatch.setattr(command, "held_by", held)
+    monkeypatch.setattr("sprintlab.training.runs.sweep.train_all", train)
+    monkeypatch.setattr("sprintlab.api.design.held_by", held)
     found = json.loads(call(*VARIED, "--train", 2, "--device", "cpu", "--json").out)
-    assert len(started) == 16 and {job.words[2] for job in started} == {"acs", "simplified-dc"}
+    assert len({run.name for run in started}) == 16
+    assert {run.folder.parts[-2] for run in started} == {"acs", "simplified-dc"}
     assert found["chosen"]["trained"] == {
         "refined": "gear.hip=6,winding=0.8", "simplified-dc": "gear.hip=9,winding=0.8",
     }  # fmt: skip

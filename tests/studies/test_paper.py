@@ -46,6 +46,12 @@ def by_method(*groups):
     return {(group[0].preset, group[0].method): group for group in groups}
 
 
+@pytest.fixture
+def small_plan(monkeypatch):
+    monkeypatch.setattr("studies.paper.plan.PAPER_TABLE", {"baseline": None})
+    monkeypatch.setattr("studies.paper.plan.OTHERS", ())
+
+
 def test_running_and_stopping_are_two_speeds():
     speeds = [command(2.0), command(8.0, completed=3), command(11.0, completed=9), command(12.0, upright=8)]
     found = run(commands=speeds)
@@ -120,29 +126,34 @@ def test_the_plan_has_ten_seeds_of_the_six_methods_with_both_rewards_and_more_fo
     assert len(study_trainings(clear)) == len(trainings)
 
 
+@pytest.mark.usefixtures("small_plan")
 def test_a_run_that_has_its_record_is_not_missing(capsys, tmp_path):
     write_run(tmp_path, run("baseline", 3))
     main(["plan", "runs/study", "--results", str(tmp_path)])
     missing = capsys.readouterr().out
-    assert "--method baseline --preset sprintlab --seed 2" in missing
-    assert "--method baseline --preset sprintlab --seed 3" not in missing
+    assert "--method baseline --seed 2 --iterations" in missing
+    assert "--method baseline --seed 3 --iterations" not in missing
 
 
-def test_trainings_go_on_before_new_ones_begin(monkeypatch, tmp_path):
-    begun = Training(preset="paper", method="baseline", seed=7).job(tmp_path)
+@pytest.mark.usefixtures("small_plan")
+def test_trainings_go_on_before_new_ones_begin_and_end_with_the_time(monkeypatch, tmp_path, capsys):
+    begun = Training(preset="paper", method="baseline", seed=7).swept(tmp_path)
     begun.folder.mkdir(parents=True)
     (begun.folder / "checkpoint.pt").touch()
     seen = {}
 
-    def run_jobs(jobs, devices, until, progress):
-        seen.update(jobs=jobs, devices=devices)
-        return 0
+    def train_all(runs, devices, retries, watch):
+        seen.update(runs=runs, devices=devices)
+        (runs[0].folder / "policy.onnx").touch()
+        while True:
+            watch({run.name: "finished" if run.finished else "waiting" for run in runs})
 
-    monkeypatch.setattr("studies.paper.plan.run_jobs", run_jobs)
+    monkeypatch.setattr("studies.paper.plan.train_all", train_all)
     words = ["train", str(tmp_path), "--device", "cpu", "--parallel", "2", "--iterations", "5"]
-    assert main([*words, "--minutes", "1", "--results", str(tmp_path / "none")]) == 0
-    assert seen["devices"] == ["cpu", "cpu"] and seen["jobs"][0].folder == begun.folder
-    assert seen["jobs"][1].words[-3:] == ("--iterations", "5", "--plain")
+    assert main([*words, "--minutes", "0.001", "--results", str(tmp_path / "none")]) == 0
+    assert seen["devices"] == ["cpu", "cpu"] and seen["runs"][0].folder == begun.folder
+    assert len({run.name for run in seen["runs"]}) == len(seen["runs"])
+    assert "--iterations 5" in seen["runs"][1].command and "1 of " in capsys.readouterr().out
 
 
 def test_a_damaged_record_is_refused(tmp_path):

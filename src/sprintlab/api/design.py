@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.evaluations import protocol_settings
-from sprintlab.api.jobs import Job, run_jobs
 from sprintlab.api.results import Drawn, Progress, silent, table
 from sprintlab.api.training import require_training
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_positive, check_range
-from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_json
 
@@ -150,28 +148,25 @@ def train_designs(
     Raises:
         SprintlabError: a training failed.
     """
-    from sprintlab.training.runs.sweep import training_devices
+    from sprintlab.training.runs.sweep import plan_sweep, train_all, training_devices
 
-    jobs = [
-        Job(
-            words=(
-                *(str(folder / "parameters.toml"), "--method", method, "--seed", str(seed)),
-                *("--minutes", f"{minutes:g}", "--plain"),
-            ),
-            folder=_run_folder(folder, model, seed),
-        )
-        for seed in range(seeds)
+    runs = [
+        replace(run, name=f"{folder.name} {run.name}", words=(*run.words, "--plain"))
         for folder in folders
-        for model, method in METHODS.items()
-    ]
-    if (done := run_jobs(jobs, training_devices(device), math.inf, progress)) < len(jobs):
-        raise SprintlabError(
-            f"{len(jobs) - done} of {len(jobs)} trainings failed; start again to repeat them"
+        for run in plan_sweep(
+            folder,
+            robot=str(folder / "parameters.toml"),
+            methods=tuple(METHODS.values()),
+            seeds=range(seeds),
+            minutes=minutes,
         )
+    ]
 
+    def watch(states: Mapping[str, str]) -> None:
+        done = sum(state == "finished" for state in states.values())
+        progress(f"{done} of {len(runs)} trainings finished", done / len(runs))
 
-def _run_folder(folder: Path, model: str, seed: int) -> Path:
-    return folder / model / f"seed-{seed}"
+    train_all(runs, training_devices(device), 1, watch)
 
 
 def trained_of(folder: Path, seeds: int, processes: WorkerProcesses) -> dict[str, Any]:
@@ -190,7 +185,7 @@ def trained_of(folder: Path, seeds: int, processes: WorkerProcesses) -> dict[str
             for judge in dict.fromkeys(judges):
                 key = f"{model}/seed-{seed} in {judge}"
                 if key not in known:
-                    policy = _run_folder(folder, model, seed) / "policy.onnx"
+                    policy = folder / METHODS[model] / f"seed-{seed}" / "policy.onnx"
                     known[key] = held_by(policy, robot, judge, processes)
                     atomic_write_json(folder / RECORD, record)
     record["trained"] = {
@@ -261,9 +256,7 @@ def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
     sentences = [choice.sentence() for choice in chosen]
     numbers = {
         "robot": name,
-        "designs": [
-            {name: value for name, value in row.items() if name not in ("asked", "policies")} for row in rows
-        ],
+        "designs": [_rounded(row) for row in rows],
         "chosen": {
             choice.source: {model: design_name(each) for model, each in choice.chosen.items()}
             for choice in chosen
@@ -271,6 +264,12 @@ def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
         "sentences": sentences,
     }
     return Drawn(numbers=numbers, shown=[*_tables(name, rows), *sentences], found=chosen, draw=draw)
+
+
+def _rounded(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A record without what only a restart needs, floats to 1e-3."""
+    kept = {name: value for name, value in row.items() if name not in ("asked", "policies")}
+    return json.loads(json.dumps(kept), parse_float=lambda text: round(float(text), 3))
 
 
 def _tables(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
