@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.constraints import (
@@ -35,26 +37,33 @@ def monitors(**changed: float) -> Monitors:
     return Monitors(**values)
 
 
-@pytest.mark.parametrize(
-    ("changed", "name", "part"),
-    [
-        ({"foot_force": 3.3}, "foot", 0.0),
-        ({"foot_force": 3.75}, "foot", 0.5),
-        ({"foot_force": 9.0}, "foot", 1.0),
-        ({"pad_deflection": 0.015}, "foot", 7 / 9),
-        ({"gear_torque": 2.7}, "gear", 0.5),
-        ({"leg_distance": 0.015}, "legs", 0.5),
-        ({"leg_distance": -0.01}, "legs", 1.0),
-        ({"joint_speed": 1.0}, "joint_speed", 0.5),
-        ({"stop_depth": 0.25}, "end_stop", 0.25),
-        ({"gear_torque": float("nan")}, "gear", 1.0),
-    ],
-)
-def test_the_worst_foot_joint_or_pair_decides(changed: dict[str, float], name: str, part: float) -> None:
-    parts = broken_parts(monitors(**changed), SETTINGS)[0]
-    expected = torch.zeros(len(CONSTRAINTS))
-    expected[CONSTRAINTS.index(name)] = part
-    torch.testing.assert_close(parts, expected, atol=1e-5, rtol=0)
+MONITOR = {
+    "foot": "foot_force",
+    "gear": "gear_torque",
+    "legs": "leg_distance",
+    "joint_speed": "joint_speed",
+    "end_stop": "stop_depth",
+}
+
+
+def broken(name: str, value: float, monitor: str | None = None) -> float:
+    """The part by which one constraint is broken at a monitor's value; no other is."""
+    parts = broken_parts(monitors(**{monitor or MONITOR[name]: value}), SETTINGS)[0].tolist()
+    own = parts.pop(CONSTRAINTS.index(name))
+    assert not any(parts)
+    return own
+
+
+@given(st.sampled_from(CONSTRAINTS), st.floats(-0.5, 2.0))
+def test_the_worst_foot_joint_or_pair_decides(name: str, part: float) -> None:
+    chosen = getattr(SETTINGS, name)
+    found = broken(name, chosen.limit + part * (chosen.full - chosen.limit))
+    assert found == pytest.approx(min(max(part, 0.0), 1.0), abs=1e-4)
+
+
+def test_a_pad_counts_as_a_force_and_nan_as_broken_in_full() -> None:
+    assert broken("foot", 0.015, "pad_deflection") == pytest.approx((4.0 - 3.3) / (4.2 - 3.3), abs=1e-5)
+    assert broken("gear", float("nan")) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -129,13 +138,14 @@ def test_a_chance_rests_where_it_is_aimed_at_and_before_it_may_move() -> None:
 def test_the_range_waits_for_feet_and_gears_that_hold() -> None:
     chances = Chances(SETTINGS)
     assert chances.held
-    for share, held in ((0.2, False), (0.001, True)):
+    for share, name, held in (
+        (0.2, "hold/foot", False),
+        (0.001, "hold/foot", True),
+        (0.2, "push/foot", True),
+    ):
         for _ in range(200):
-            chances.update(row(share), moving=False)
+            chances.update(row(share, name), moving=False)
         assert chances.held is held
-    for _ in range(200):
-        chances.update(row(0.2, "push/foot"), moving=False)
-    assert chances.held
 
 
 def test_phases_that_no_fast_robot_is_in_say_nothing() -> None:

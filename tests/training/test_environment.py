@@ -14,7 +14,6 @@ from sprintlab.engine import Engine, EngineOptions
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.episodes import Ends, find_ends, standing_starts
 from sprintlab.training.environment.fleet import Fleet
-from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.randomization import default_randomization, friction, slope
 from sprintlab.training.environment.sprint import SUBSTEPS, SprintEnvironment
 from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
@@ -42,7 +41,7 @@ def built() -> SprintEnvironment:
 
 @pytest.fixture
 def environment(built: SprintEnvironment) -> SprintEnvironment:
-    """Everybody freshly standing, after one step that settles nothing and ends nobody."""
+    """All robots at the start of an episode, one step in; none has ended."""
     torch.manual_seed(3)
     built.set_curriculum(1.0, -1.0, 0.0)
     built.engine.qpos.nan_to_num_()
@@ -54,10 +53,8 @@ def environment(built: SprintEnvironment) -> SprintEnvironment:
 
 def test_observations_have_their_shapes_and_are_finite(environment: SprintEnvironment) -> None:
     observations, reward, done, extras = environment.step(0.1 * torch.randn(N, 12))
-    assert observations["actor"].shape == (N, 450)
-    assert observations["critic"].shape == (N, 53)
-    assert torch.isfinite(observations["actor"]).all()
-    assert torch.isfinite(observations["critic"]).all()
+    for name, size in (("actor", 450), ("critic", 53)):
+        assert observations[name].shape == (N, size) and torch.isfinite(observations[name]).all()
     assert reward.shape == done.shape == extras["time_outs"].shape == (N,)
     assert (reward > 0).all()
 
@@ -66,11 +63,8 @@ def test_the_log_tells_the_speed_of_the_fastest(environment: SprintEnvironment) 
     environment.running_speed.copy_(torch.randn(N))
     environment.running_speed[3] = torch.nan
     ordered = environment.running_speed.nan_to_num().sort().values.tolist()
-    log = environment.take_log().read()
-    assert [log[name] for name in ("speed_median", "speed_p95", "speed_p999")] == [
-        ordered[7],
-        *ordered[-1:] * 2,
-    ]
+    log, names = environment.take_log().read(), ("speed_median", "speed_p95", "speed_p999")
+    assert [log[name] for name in names] == [ordered[7], *ordered[-1:] * 2]
 
 
 def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> None:
@@ -84,29 +78,22 @@ def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> N
     watched = (simulation.qpos, simulation.qvel, environment.previous_action, environment.estimate)
     old = [values.clone() for values in watched]
     lengths = environment.episode_length_buf.clone()
-    standing = standing_starts(
-        environment._standing_qpos,
-        environment.kinematics.joint_qpos,
-        simulation.qvel.shape[1],
-        environment.upper,
-        environment.draws,
-        environment.settings.episodes,
-    )
-    reset_mask = [*standing, torch.zeros(N, 12), torch.zeros(N, 8)]
+    e, speeds = environment, simulation.qvel.shape[1]
+    place = e._standing_qpos, e.kinematics.joint_qpos, speeds, e.upper, e.draws, e.settings.episodes
+    fresh = [*standing_starts(*place), torch.zeros(N, 12), torch.zeros(N, 8)]
     expected, copies = [values.clone() for values in old], []
     for row in torch.nonzero(mask)[:, 0].tolist():
         one, other = (environment.draws["donor"][row] * N).long().tolist()
         donor = one if environment.running_speed[one] > environment.running_speed[other] else other
         chance = float(environment.draws["clone"][row, 0])
         copies.append(bool(not mask[donor] and lengths[donor] > 50 and chance < 0.5))
-        for result, before, new in zip(expected, old, reset_mask, strict=True):
+        for result, before, new in zip(expected, old, fresh, strict=True):
             result[row] = before[donor] if copies[-1] else new[row]
         if copies[-1]:
             expected[0][row, :2] = 0.0
     restarted = environment._restart(mask)
     assert (~restarted[mask]).tolist() == copies
-    assert any(copies)
-    assert not all(copies)
+    assert any(copies) and not all(copies)
     for values, wanted in zip(watched, expected, strict=True):
         torch.testing.assert_close(values, wanted)
     assert torch.equal(environment.episode_length_buf, torch.where(mask, 0, lengths))
@@ -115,45 +102,35 @@ def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> N
 def test_a_fallen_robot_ends_without_reward_and_starts_again(environment: SprintEnvironment) -> None:
     environment.engine.qpos[2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0])
     _, reward, done, extras = environment.step(torch.zeros(N, 12))
-    assert torch.nonzero(done)[:, 0].tolist() == [2]
-    assert reward[2] == 0.0
-    assert (reward[torch.arange(N) != 2] > 0).all()
-    assert not extras["time_outs"].any()
-    assert environment.episode_length_buf[2] == 0
+    assert torch.nonzero(done)[:, 0].tolist() == torch.nonzero(reward == 0.0)[:, 0].tolist() == [2]
+    assert not extras["time_outs"].any() and environment.episode_length_buf[2] == 0
     assert environment.kinematics.read().gravity[2, 2] < -0.99
-    environment.step(torch.zeros(N, 12))
-    assert not environment.done.any()
+    assert not environment.step(torch.zeros(N, 12))[2].any()
 
 
 def test_nan_ends_only_its_own_environment(environment: SprintEnvironment) -> None:
     environment.engine.qpos[5, 9] = float("nan")
-    observations, reward, done, _ = environment.step(torch.zeros(N, 12))
-    assert torch.nonzero(done)[:, 0].tolist() == [5]
-    assert reward[5] == 0.0
-    for _ in range(2):
+    for ended in ([5], [], []):
+        observations, reward, done, _ = environment.step(torch.zeros(N, 12))
+        assert torch.nonzero(done)[:, 0].tolist() == torch.nonzero(reward == 0.0)[:, 0].tolist() == ended
         for values in (observations["actor"], observations["critic"], reward, environment.engine.qpos):
             assert torch.isfinite(values).all()
-        observations, reward, done, _ = environment.step(torch.zeros(N, 12))
-        assert not done.any()
 
 
-def failures(environment: SprintEnvironment, body: BodyState) -> list[int]:
-    ends = find_ends(
-        body,
-        environment.engine.qvel,
-        environment.episode_length_buf,
-        environment.episode_limit,
-        environment.settings.episodes,
-    )
-    return torch.nonzero(ends.failed)[:, 0].tolist()
+def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironment) -> None:
+    environment.episode_length_buf[7] = environment.episode_limit[7] - 1
+    _, reward, done, extras = environment.step(torch.zeros(N, 12))
+    assert torch.nonzero(done)[:, 0].tolist() == torch.nonzero(extras["time_outs"])[:, 0].tolist() == [7]
+    assert reward[7] > 0.0
 
 
 def test_legs_too_close_end_an_episode(environment: SprintEnvironment) -> None:
-    body = environment.kinematics.read()
-    assert failures(environment, body) == []
+    e, body = environment, environment.kinematics.read()
     distance = body.leg_distance.clone()
     distance[3, 1], distance[4, 1] = -0.001, 0.001
-    assert failures(environment, body._replace(leg_distance=distance)) == [3]
+    body, lengths = body._replace(leg_distance=distance), (e.episode_length_buf, e.episode_limit)
+    ends = find_ends(body, e.engine.qvel, *lengths, e.settings.episodes)
+    assert torch.nonzero(ends.failed)[:, 0].tolist() == [3]
 
 
 def test_a_held_target_opens_the_grid_around_it(environment: SprintEnvironment) -> None:
@@ -191,22 +168,12 @@ def test_state_is_all_that_a_step_needs(environment: SprintEnvironment) -> None:
 
 def test_the_delay_varies_from_step_to_step_and_stays_within_a_step() -> None:
     settings = TrainingSettings(simulation=SIMULATION)
-    environment = SprintEnvironment(settings, "cpu")
-    seen = []
+    environment, seen = SprintEnvironment(settings, "cpu"), []
     for _ in range(6):
         environment.step(torch.zeros(N, 12))
         seen.append(environment.engine.delay.clone())
     delays = torch.stack(seen)
-    assert (delays.float().std(0) > 0).any()
-    assert delays.min() >= 0
-    assert delays.max() <= SUBSTEPS
-
-
-def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironment) -> None:
-    environment.episode_length_buf[7] = environment.episode_limit[7] - 1
-    _, reward, done, extras = environment.step(torch.zeros(N, 12))
-    assert torch.nonzero(done)[:, 0].tolist() == torch.nonzero(extras["time_outs"])[:, 0].tolist() == [7]
-    assert reward[7] > 0.0
+    assert (delays.float().std(0) > 0).any() and ((delays >= 0) & (delays <= SUBSTEPS)).all()
 
 
 FIELDS = (
@@ -244,9 +211,8 @@ def test_a_slope_turns_gravity_for_the_physics_and_for_what_the_policy_sees() ->
     environment = SprintEnvironment(settings, "cpu")
     simulation, rise = environment.engine, environment.slope
     assert len(set(rise.tolist())) == 4
-    assert rise.tan().abs().max() <= 0.1 and rise.tan().abs().max() > 0.01
-    stand = environment._standing_qpos
-    simulation.qpos.copy_(stand.expand_as(simulation.qpos))
+    assert 0.01 < rise.tan().abs().max() <= 0.1
+    simulation.qpos.copy_(environment._standing_qpos.expand_as(simulation.qpos))
     simulation.qpos[:, 2] += 1.0
     simulation.qvel.zero_()
     down = torch.stack((-rise.sin(), torch.zeros(4), -rise.cos()), 1)
@@ -279,56 +245,50 @@ def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironm
     assert torch.equal(environment.course[3:], course[3:])
 
 
-def asked_to_stand(environment: SprintEnvironment, estimated: float) -> torch.Tensor:
-    """Nobody fresh, everybody at rest and told so; returns that nobody is fresh."""
+def hold_once(environment: SprintEnvironment, estimated: float, fresh: bool = False) -> torch.Tensor:
+    """All robots are asked to stand, at an estimated speed; returns which are released."""
     environment.commands.command.zero_()
     environment.commands.target_speed.zero_()
     environment.estimate.zero_()
     environment.estimate[:, 0] = estimated
-    environment.held.zero_()
-    return torch.zeros(N, dtype=torch.bool)
-
-
-def held_once(environment: SprintEnvironment, reset_mask: torch.Tensor) -> torch.Tensor:
-    """One step of the hold; returns who was let go."""
-    return environment._hold(reset_mask, environment.kinematics.read().gravity)
+    gravity = environment.kinematics.read().gravity
+    return environment._hold(torch.full((N,), fresh), gravity)
 
 
 def test_a_robot_that_stands_as_asked_is_held_as_the_runtime_holds_it(environment: SprintEnvironment) -> None:
-    nobody = asked_to_stand(environment, 0.5)
+    environment.held.zero_()
     hold = StandingHold(StandingContract(), rate_hz=50.0)
     rest, moving, upright = (np.array(values) for values in ([0.0] * 3, [2.0, 0.0, 0.0], [0.0, 0.0, -1.0]))
     hold.share(moving, rest, upright)
     for _ in range(40):
-        assert not held_once(environment, nobody).any()
+        assert not hold_once(environment, 0.5).any()
         share = hold.share(rest, np.array([0.5, 0.0, 0.0]), upright)
         assert (1.0 - environment.held).tolist() == pytest.approx([share] * N, abs=1e-6)
     environment.write_action(torch.ones(N, 12))
     assert environment.action.amax().item() == pytest.approx(share, abs=1e-6)
 
 
-def test_a_robot_that_is_let_go_has_forgotten_what_it_did(environment: SprintEnvironment) -> None:
-    nobody = asked_to_stand(environment, 0.5)
-    held_once(environment, nobody)
+def test_a_released_robot_begins_as_after_a_reset(environment: SprintEnvironment) -> None:
+    environment.held.zero_()
+    hold_once(environment, 0.5)
     environment.previous_action.fill_(1.0)
     environment.commands.command[: N // 2, 0] = 1.0
-    released = held_once(environment, nobody)
+    gravity = environment.kinematics.read().gravity
+    released = environment._hold(torch.zeros(N, dtype=torch.bool), gravity)
     assert released.tolist() == [True] * (N // 2) + [False] * (N // 2)
     for buffer in (environment.previous_action, environment.estimate):
         assert not buffer[released].any() and buffer[~released].any()
 
 
-def test_who_runs_or_has_no_estimate_is_not_held(environment: SprintEnvironment) -> None:
+def test_robots_that_run_or_have_no_estimate_are_not_held(environment: SprintEnvironment) -> None:
     for estimated in (2.0, 0.0):
-        nobody = asked_to_stand(environment, estimated)
-        held_once(environment, nobody)
+        environment.held.zero_()
+        hold_once(environment, estimated)
         assert not environment.held.any()
-    asked_to_stand(environment, 0.0)
     environment.running_speed.copy_(torch.where(torch.arange(N) < 4, 5.0, 0.1))
-    held_once(environment, ~nobody)
-    assert environment.held.tolist() == [0.0] * 4 + [1.0] * (N - 4), (
-        "a fresh start stands, or is thrown ahead"
-    )
+    hold_once(environment, 0.0, fresh=True)
+    held = [0.0] * 4 + [1.0] * (N - 4)
+    assert environment.held.tolist() == held, "a new episode stands, unless it starts fast"
 
 
 def test_progress_counts_up_to_the_target_where_commands_follow_one(environment: SprintEnvironment) -> None:
