@@ -38,7 +38,6 @@ def test_every_number_has_a_source_and_an_estimate_says_so(name):
     [  # published: peak torque [N m] and no-load speed [rad/s] behind the gear
         ("mit-humanoid-u12", 72.0, 40.0),  # speed limit of the robot
         ("t-motor-ak80-6", 12.0, 38.2),  # at 24 V
-        ("steadywin-gim8108-8", 22.0, 320 * math.pi / 30),
         ("xiaomi-cybergear", 12.0, 296 * math.pi / 30),
         ("cubemars-ake80-8", 30.0, 195 * math.pi / 30),
     ],

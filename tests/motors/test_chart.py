@@ -14,9 +14,7 @@ from sprintlab.motors.chart import (
     SATURATED,
     JointDrive,
     d_axis_cost,
-    envelope_names,
     joint_limits,
-    peak_power,
 )
 
 GEAR = Gear(ratio=6.0, efficiency=0.9)
@@ -50,12 +48,3 @@ def test_the_d_axis_voltage_and_the_rest_make_up_the_whole(motor, share):
     )
     if 0.0 < cost["torque"] < 0.999 * motor.peak_torque:
         assert cost["voltage_share"] ** 2 + (v_q / limit) ** 2 == pytest.approx(1.0, rel=1e-6)
-
-
-def test_peak_power_is_on_the_envelope_and_nowhere_exceeded(drive):
-    speed = np.linspace(0.0, drive.no_load_speed, 500)
-    for name in envelope_names():
-        best = peak_power(drive, name)
-        assert best["power"] == pytest.approx(best["speed"] * best["torque"])
-        assert best["torque"] == pytest.approx(float(joint_limits(drive, best["speed"], name)[1]))
-        assert best["power"] >= float(np.max(speed * joint_limits(drive, speed, name)[1])) * (1 - 1e-4)

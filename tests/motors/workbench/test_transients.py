@@ -49,10 +49,10 @@ def fitted(data, **options):
     return identify(data, pole_pairs=PAIRS, peak_current=PEAK, **options)
 
 
-def written(path, time, current, speed, torque, unit="s"):
+def written(path, time, current, speed, torque):
     with open(path, "w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
-        rows.writerow([f"time [{unit}]", "iq [A]", "speed [rad/s]", "torque [N m]"])
+        rows.writerow(["time [ms]", "iq [A]", "speed [rad/s]", "torque [N m]"])
         rows.writerows(np.round(np.stack((time, current, speed, torque), axis=-1), 6).tolist())
     return path
 
@@ -81,18 +81,10 @@ def test_the_inertia_of_the_rotor_comes_from_the_transients():
     assert replace(found, estimates=complete).motor().rotor_inertia == inertia.value
 
 
-@pytest.mark.parametrize(
-    ("rate", "expected"), [(1000.0, True), (100.0, True), (15.0, False), (0.5, False)], ids=str
-)
-def test_steady_points_with_a_time_are_no_log(rate, expected):
-    time, current, speed, torque = (values[:400] for values in log(6))
-    data = bench(time * RATE / rate, current, speed, torque)
-    assert is_log(data) == expected
-    assert not is_log(replace(data, time=None))
-
-
 def test_what_no_window_can_use_is_refused_in_a_sentence():
     time, current, speed, torque = log(7)
+    for rate, expected in ((100.0, True), (15.0, False)):  # steady points with a time are no log
+        assert is_log(bench(time * RATE / rate, current, speed, torque)) == expected
     swinging = 16.0 * np.sin(2.0 * np.pi * 4.0 * time)
     with pytest.raises(SprintlabError, match=r"rests nowhere.*--window"):
         rested(bench(time, swinging, 100.0 * np.cos(2.0 * np.pi * 4.0 * time), torque))
@@ -104,10 +96,9 @@ def test_what_no_window_can_use_is_refused_in_a_sentence():
         rested(bench(time, current, speed, torque), 0.0)
 
 
-@pytest.mark.parametrize("unit", ["s", "ms"])
-def test_the_command_reads_a_log(tmp_path, capsys, unit):
+def test_the_command_reads_a_log(tmp_path, capsys):
     time, current, speed, torque = log(9)
-    path = written(tmp_path / "log.csv", time * (1e3 if unit == "ms" else 1.0), current, speed, torque, unit)
+    path = written(tmp_path / "log.csv", 1e3 * time, current, speed, torque)
     assert is_log(load_bench(path))
     command = ["motor", "identify", str(path), "--pole-pairs", "7", "--peak-current", "20"]
     assert main([*command, "--json"]) == 0
