@@ -20,30 +20,19 @@ BIN = 0.001
 class EngineOptions:
     """How many robots, in which steps, with which physics.
 
-    Attributes:
-        robots: simulated side by side.
-        timestep: physics step [s], nominal: each robot's own one is the parameter ``timestep``.
-        substeps: physics steps in one policy step.
-        motor_model: envelope of the motors.
-        saturation: whether the motors saturate.
-        knee_spring: whether the shanks hang on their springs, where the robot has any.
-        heat: thermal model of the windings; None: they stay cold.
-        battery: behind the bus that all joints share; None: the bus is stiff.
-        i2t: how the drives cut overloads back; None: not at all.
-
     Raises:
         InvalidValueError: a value out of range, or what the engine does not know.
     """
 
-    robots: int
-    timestep: float = 0.0005
-    substeps: int = 40
-    motor_model: MotorModel = "refined"
-    saturation: bool = True
-    knee_spring: bool = True
-    heat: WindingHeat | None = None
-    battery: Battery | None = None
-    i2t: I2tLimit | None = None
+    robots: int  # simulated side by side
+    timestep: float = 0.0005  # physics step [s], nominal: each robot's own one is the parameter ``timestep``
+    substeps: int = 40  # physics steps in one policy step
+    motor_model: MotorModel = "refined"  # envelope of the motors
+    saturation: bool = True  # whether the motors saturate
+    knee_spring: bool = True  # whether the shanks hang on their springs, where the robot has any
+    heat: WindingHeat | None = None  # thermal model of the windings; None: they stay cold
+    battery: Battery | None = None  # behind the bus that all joints share; None: the bus is stiff
+    i2t: I2tLimit | None = None  # how the drives cut overloads back; None: not at all
 
     def __post_init__(self) -> None:
         check_range("robots", self.robots, 1, 1 << 20)

@@ -69,31 +69,18 @@ BUFFERS = (
     "leg_distance", "power", *TEST_BUFFERS,
 )  # fmt: skip
 """Names of the buffers of floats, in the order of the kernel's argument; ``delay``, of integers, follows."""
-_DRIVE_FIELDS = (
-    "pole_pairs", "resistance", "inductance", "flux", "peak", "saturation", "ratio", "log2_efficiency",
-    "dry_friction", "lower", "upper", "stop_stiffness", "stop_damping", "inverse_peak", "inverse_no_load",
-    "armature", "continuous", "decay",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EngineModel:
-    """What is known of a robot before its code is written.
+    """What is known of a robot before its code is written."""
 
-    Attributes:
-        robot: its description.
-        model: the compiled MuJoCo model, feet on a floor.
-        tree: that model as the generator sees it.
-        options: what was chosen.
-        leg_mass: effective vertical mass of a leg, for the pad's damping [kg].
-        foot_mass: mass that a foot alone shows at once, along the normal and along the ground [kg].
-    """
-
-    robot: RobotDescription
-    model: mujoco.MjModel
-    tree: Tree
-    options: EngineOptions
-    leg_mass: float
+    robot: RobotDescription  # its description
+    model: mujoco.MjModel  # the compiled MuJoCo model, feet on a floor
+    tree: Tree  # that model as the generator sees it
+    options: EngineOptions  # what was chosen
+    leg_mass: float  # effective vertical mass of a leg, for the pad's damping [kg]
+    # mass that a foot alone shows at once, along the normal and along the ground [kg]
     foot_mass: tuple[float, float]
 
 
@@ -306,7 +293,7 @@ def _buffers() -> str:
 
 
 def _drive_constants(engine: EngineModel) -> Mapping[str, np.ndarray]:
-    """Every field of ``Drive``, one number per joint in policy order."""
+    """Every field of ``Drive`` in its order, one number per joint in policy order."""
     robot, motors, gear, stop = engine.robot, engine.robot.motors, engine.robot.gear, engine.robot.soft_stop
     i2t = engine.options.i2t
     peak = joint_torque(gear, saturate(motors, np.asarray(motors.peak_torque)))
@@ -341,13 +328,13 @@ def _drive_source(engine: EngineModel, algebra: Algebra) -> str:
     cases = []
     for index, link in enumerate(_driven_links(engine)):
         joints = [names.index(leg.links[link].joint) for leg in engine.tree.legs]
-        fields = [_literal(algebra, constants[name][joints]) for name in _DRIVE_FIELDS]
+        fields = [_literal(algebra, values[joints]) for values in constants.values()]
         cases.append(f"  if (k == {index}) return Drive{{{', '.join(fields)}}};")
     body = "\n".join([*cases[:-1], cases[-1].replace(f"if (k == {len(cases) - 1}) ", "")])
     text = f"FUNCTION Drive leg_drive(int k, const scalar* leg) {{\n{body}\n}}"
     if engine.robot.waist is None:
         return text
-    fields = [f"S({float(constants[name][engine.robot.waist])!r})" for name in _DRIVE_FIELDS]
+    fields = [f"S({float(values[engine.robot.waist])!r})" for values in constants.values()]
     return text + f"\nFUNCTION Drive waist_drive() {{ return Drive{{{', '.join(fields)}}}; }}"
 
 

@@ -22,17 +22,11 @@ IntArray = NDArray[np.int_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidBody:
-    """Mass properties of a body, in its own frame.
+    """Mass properties of a body, in its own frame."""
 
-    Attributes:
-        mass: [kg].
-        center: centre of mass ``(3,)`` [m].
-        inertia: about the centre of mass ``(3, 3)`` [kg m^2].
-    """
-
-    mass: float
-    center: FloatArray
-    inertia: FloatArray
+    mass: float  # [kg]
+    center: FloatArray  # centre of mass ``(3,)`` [m]
+    inertia: FloatArray  # about the centre of mass ``(3, 3)`` [kg m^2]
 
     def about_origin(self) -> FloatArray:
         """Inertia about the frame's origin ``(3, 3)`` [kg m^2]."""
@@ -49,65 +43,39 @@ class RigidBody:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Link:
-    """A body that moves on one hinge of its parent.
+    """A body that moves on one hinge of its parent."""
 
-    Attributes:
-        body: its mass properties, with whatever is fixed to it.
-        position: of the hinge in the parent's frame ``(3,)`` [m].
-        axis: coordinate axis of the hinge, 0 to 2.
-        joint: the hinge's name.
-        armature: rotor inertia at the hinge [kg m^2].
-        stiffness: of a passive spring [N m/rad].
-        damping: viscous friction [N m s/rad].
-        rest: angle at which the spring gives nothing [rad].
-        qpos, qvel: addresses in MuJoCo's state.
-    """
-
-    body: RigidBody
-    position: FloatArray
-    axis: int
-    joint: str
-    armature: float
-    stiffness: float
-    damping: float
-    rest: float
-    qpos: int
-    qvel: int
+    body: RigidBody  # its mass properties, with whatever is fixed to it
+    position: FloatArray  # of the hinge in the parent's frame ``(3,)`` [m]
+    axis: int  # coordinate axis of the hinge, 0 to 2
+    joint: str  # the hinge's name
+    armature: float  # rotor inertia at the hinge [kg m^2]
+    stiffness: float  # of a passive spring [N m/rad]
+    damping: float  # viscous friction [N m s/rad]
+    rest: float  # angle at which the spring gives nothing [rad]
+    qpos: int  # addresses in MuJoCo's state
+    qvel: int  # addresses in MuJoCo's state
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leg:
-    """A chain of links from the trunk to a foot.
+    """A chain of links from the trunk to a foot."""
 
-    Attributes:
-        links: from the trunk outward.
-        foot: middle of the foot's sphere in the last link's frame ``(3,)`` [m].
-        radius: of that sphere [m].
-        rear: whether the leg hangs on the rear trunk, behind the waist.
-    """
-
-    links: tuple[Link, ...]
-    foot: FloatArray
-    radius: float
-    rear: bool
+    links: tuple[Link, ...]  # from the trunk outward
+    foot: FloatArray  # middle of the foot's sphere in the last link's frame ``(3,)`` [m]
+    radius: float  # of that sphere [m]
+    rear: bool  # whether the leg hangs on the rear trunk, behind the waist
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tree:
-    """A robot as the generator sees it.
+    """A robot as the generator sees it."""
 
-    Attributes:
-        trunk: the free body, or the front half of it.
-        waist: the rear half, on its hinge; None where the trunk is one body.
-        legs: four, with as many links each.
-        nq, nv: sizes of MuJoCo's state.
-    """
-
-    trunk: RigidBody
-    waist: Link | None
-    legs: tuple[Leg, ...]
-    nq: int
-    nv: int
+    trunk: RigidBody  # the free body, or the front half of it
+    waist: Link | None  # the rear half, on its hinge; None where the trunk is one body
+    legs: tuple[Leg, ...]  # four, with as many links each
+    nq: int  # sizes of MuJoCo's state
+    nv: int  # sizes of MuJoCo's state
 
     def column(self, name: str) -> FloatArray:
         """A number of every link, ``(legs, links)``."""
