@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.importing.choices import JointChoice, RobotChoices, find_motor
 from sprintlab.robots.importing.fit import FittedLink, FittedRobot
+from sprintlab.robots.table import ParameterRow
 
 _STIFFNESS_ERROR = 0.45  # rad of error at which the controller asks for the peak torque
 _DAMPING_TIME = 0.03  # s: derivative over proportional gain
@@ -24,21 +25,27 @@ _GIVEN = "given at the import"
 _ACTION_SCALES = {"abad": 0.25, "hip": 0.5, "knee": 0.5}
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One number of the table: value, unit, uncertainty, basis."""
+_UNITS = {
+    **dict.fromkeys(("mass", "total_mass"), "kg"),
+    **dict.fromkeys(("inertia", "products_of_inertia"), "kg m^2"),
+    **dict.fromkeys(("default_angle", "range", "zone", "action_scale"), "rad"),
+    **{
+        "stiffness": "N m/rad",
+        "damping": "N m s/rad",
+        "viscous_friction": "N m s/rad",
+        "dry_friction": "N m",
+    },
+    **{"bus_voltage": "V", "friction": "1", "gear_ratio": "1", "gear_efficiency": "1"},
+    **{name: unit or "1" for name, unit in MOTOR_UNITS.items()},
+}
+"""By the last part of a quantity's name; all others are lengths [m]."""
 
-    value: float | tuple[float, ...]
-    unit: str
-    uncertainty: str
-    basis: str
+Rows = dict[str, ParameterRow]
+"""Rows of a table by quantity."""
 
 
-Table = dict[str, dict[str, Entry]]
-
-
-def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) -> Table:
-    """All sections of the parameter table.
+def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) -> Rows:
+    """The parameter table.
 
     Args:
         fitted: what the model file says.
@@ -48,70 +55,64 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
     Raises:
         SprintlabError: a motor cannot be found.
     """
+    rows, given = Rows(), ("as published", source_name)
 
-    def given(value: Any, unit: str) -> Entry:
-        return Entry(_rounded(value), unit, "as published", source_name)
+    def add(section: str, uncertainty: str, basis: str, **values: Any) -> None:
+        for field, value in values.items():
+            quantity, unit = f"{section}.{field}", _UNITS.get(field, "m")
+            rows[quantity] = ParameterRow(
+                quantity=quantity, value=value, unit=unit, uncertainty=uncertainty, basis=basis
+            )
 
-    def link(part: FittedLink) -> dict[str, Entry]:
-        products = (part.inertia[0, 1], part.inertia[0, 2], part.inertia[1, 2])
-        return {
-            "mass": given(part.mass, "kg"),
-            "center_of_mass": given(part.center, "m"),
-            "inertia": given(np.diag(part.inertia), "kg m^2"),
-            "products_of_inertia": given(products, "kg m^2"),
-        }
-
-    motors = {joint: find_motor(choices.joints[joint].motor) for joint in JOINTS_PER_LEG}
-    pose = default_pose(fitted, choices)
-    leg_mass = fitted.abad.mass + fitted.thigh.mass + fitted.shank.mass + fitted.foot_mass
+    pose, motors = default_pose(fitted, choices), dict[str, PmsmParameters]()
     standing = fitted.thigh_length * math.cos(pose["hip"]) + fitted.foot_radius
     standing += fitted.shank_length * math.cos(pose["hip"] + pose["knee"])
     height = choices.base_height_target or _HEIGHT_SHARE * standing
-    trunk = link(fitted.trunk)
+    legs = 4 * (fitted.abad.mass + fitted.thigh.mass + fitted.shank.mass + fitted.foot_mass)
+    trunk = _link(fitted.trunk)
     del trunk["mass"]  # what the legs leave of the total
+    add("body", *given, total_mass=_rounded(fitted.trunk.mass + legs))
+    add("body", "chosen", f"standing height {standing:.3f} m", base_height_target=_rounded(height))
+    add("body", "chosen", _GIVEN, bus_voltage=_rounded(choices.bus_voltage))
+    sizes = {name: _rounded(getattr(fitted, name)) for name in ("hip_x", "hip_y")}
+    add("trunk", *given, **trunk, half_size=_rounded(fitted.trunk_half_size), **sizes)
+    add("abad_link", *given, **_link(fitted.abad), offset_y=_rounded(fitted.abad_offset))
+    for name, part, radius in (("thigh", fitted.thigh, 0), ("shank", fitted.shank, 1)):
+        length, around = _rounded(getattr(fitted, f"{name}_length")), _rounded(fitted.radii[radius])
+        add(name, *given, length=length, **_link(part), collision_radius=around)
+    add("foot", *given, mass=_rounded(fitted.foot_mass), radius=_rounded(fitted.foot_radius))
+    friction = _rounded(choices.foot_friction)
+    add("foot", "chosen", "rubber on a dry floor; assumed", friction=friction)
+    for joint in JOINTS_PER_LEG:
+        motors[joint] = find_motor(choices.joints[joint].motor)
+    torque = max(peak_joint_torque(choices.joints[joint], motors[joint]) for joint in JOINTS_PER_LEG)
+    stiffness, unsure = torque / (2.0 * _SOFT_ZONE), "x or / 3"
+    add("soft_stop", unsure, "assumed", zone=_SOFT_ZONE)
+    add("soft_stop", unsure, "assumed: peak torque at twice the zone", stiffness=_rounded(stiffness))
+    add("soft_stop", unsure, "assumed: 0.01 s of the stiffness", damping=_rounded(0.01 * stiffness))
+    for joint in JOINTS_PER_LEG:
+        for name, value, basis in _joint(fitted, choices.joints[joint], joint, pose, motors, source_name):
+            add(f"joint.{joint}", "chosen", basis, **{name: _rounded(value)})
+            if name == "default_angle":
+                add(f"joint.{joint}", *given, range=_rounded(fitted.ranges[joint]))
+    for joint, motor in motors.items():
+        choice, section = choices.joints[joint], f"motor.{joint}"
+        numbers = {name: _exact(float(getattr(motor, name))) for name in MOTOR_UNITS}
+        add(section, "as in its source", f"motor {choice.motor}", **numbers)
+        add(section, "exact", f"motor {choice.motor}", pole_pairs=int(motor.pole_pairs))
+        add(section, "chosen", _GIVEN, gear_ratio=choice.gear_ratio)
+        add(section, "±0.03", _GIVEN, gear_efficiency=choice.gear_efficiency)
+    return rows
+
+
+def _link(part: FittedLink) -> dict[str, Any]:
+    products = (part.inertia[0, 1], part.inertia[0, 2], part.inertia[1, 2])
     return {
-        "body": {
-            "total_mass": given(fitted.trunk.mass + 4 * leg_mass, "kg"),
-            "base_height_target": _chosen(height, "m", f"standing height {standing:.3f} m"),
-            "bus_voltage": _chosen(choices.bus_voltage, "V", _GIVEN),
-        },
-        "trunk": {
-            **trunk,
-            "half_size": given(fitted.trunk_half_size, "m"),
-            "hip_x": given(fitted.hip_x, "m"),
-            "hip_y": given(fitted.hip_y, "m"),
-        },
-        "abad_link": {**link(fitted.abad), "offset_y": given(fitted.abad_offset, "m")},
-        "thigh": {
-            "length": given(fitted.thigh_length, "m"),
-            **link(fitted.thigh),
-            "collision_radius": given(fitted.radii[0], "m"),
-        },
-        "shank": {
-            "length": given(fitted.shank_length, "m"),
-            **link(fitted.shank),
-            "collision_radius": given(fitted.radii[1], "m"),
-        },
-        "foot": {
-            "mass": given(fitted.foot_mass, "kg"),
-            "radius": given(fitted.foot_radius, "m"),
-            "friction": _chosen(choices.foot_friction, "1", "rubber on a dry floor; assumed"),
-        },
-        "soft_stop": _soft_stop(choices, motors),
-        **{
-            f"joint.{joint}": _joint_section(
-                fitted, choices.joints[joint], joint, pose[joint], motors[joint], source_name
-            )
-            for joint in JOINTS_PER_LEG
-        },
-        **{
-            f"motor.{joint}": _motor_section(choices.joints[joint], motors[joint]) for joint in JOINTS_PER_LEG
-        },
+        "mass": _rounded(part.mass),
+        "center_of_mass": _rounded(part.center),
+        "inertia": _rounded(np.diag(part.inertia)),
+        "products_of_inertia": _rounded(products),
     }
-
-
-def _chosen(value: Any, unit: str, basis: str) -> Entry:
-    return Entry(_rounded(value), unit, "chosen", basis)
 
 
 def default_pose(fitted: FittedRobot, choices: RobotChoices) -> dict[str, float]:
@@ -137,55 +138,26 @@ def peak_joint_torque(choice: JointChoice, motor: PmsmParameters) -> float:
     return float(joint_torque(gear, saturate(motor, float(motor.peak_torque))))
 
 
-def _soft_stop(choices: RobotChoices, motors: dict[str, PmsmParameters]) -> dict[str, Entry]:
-    """A stop that takes the strongest joint's peak torque at twice the zone."""
-    torque = max(peak_joint_torque(choices.joints[joint], motors[joint]) for joint in JOINTS_PER_LEG)
-    stiffness, unsure = torque / (2.0 * _SOFT_ZONE), "x or / 3"
-    basis, damped = "assumed: peak torque at twice the zone", "assumed: 0.01 s of the stiffness"
-    return {
-        "zone": Entry(_SOFT_ZONE, "rad", unsure, "assumed"),
-        "stiffness": Entry(_rounded(stiffness), "N m/rad", unsure, basis),
-        "damping": Entry(_rounded(0.01 * stiffness), "N m s/rad", unsure, damped),
-    }
-
-
-def _joint_section(
+def _joint(
     fitted: FittedRobot,
     choice: JointChoice,
     joint: str,
-    angle: float,
-    motor: PmsmParameters,
+    pose: Mapping[str, float],
+    motors: Mapping[str, PmsmParameters],
     source_name: str,
-) -> dict[str, Entry]:
-    stiffness = choice.stiffness or peak_joint_torque(choice, motor) / _STIFFNESS_ERROR
-    derived = {
-        "default_angle": (angle, "rad", "bent leg, foot under the hip"),
-        "stiffness": (stiffness, "N m/rad", "peak torque at 0.45 rad of error"),
-        "damping": (_DAMPING_TIME * stiffness, "N m s/rad", "0.03 s of the stiffness"),
-        "action_scale": (_ACTION_SCALES[joint], "rad", "as for BP2"),
-        "viscous_friction": (fitted.viscous_friction[joint], "N m s/rad", source_name),
-        "dry_friction": (fitted.dry_friction[joint], "N m", source_name),
-    }
-    entries: dict[str, Entry] = {}
-    for name, (value, unit, basis) in derived.items():
+) -> Iterator[tuple[str, float, str]]:
+    """Name, value and basis of what may be chosen for a joint."""
+    stiffness = choice.stiffness or peak_joint_torque(choice, motors[joint]) / _STIFFNESS_ERROR
+    for name, value, basis in (
+        ("default_angle", pose[joint], "bent leg, foot under the hip"),
+        ("stiffness", stiffness, "peak torque at 0.45 rad of error"),
+        ("damping", _DAMPING_TIME * stiffness, "0.03 s of the stiffness"),
+        ("action_scale", _ACTION_SCALES[joint], "as for BP2"),
+        ("viscous_friction", fitted.viscous_friction[joint], source_name),
+        ("dry_friction", fitted.dry_friction[joint], source_name),
+    ):
         given = getattr(choice, name)
-        entries[name] = _chosen(value, unit, basis) if given is None else _chosen(given, unit, _GIVEN)
-        if name == "default_angle":
-            limits = _rounded(fitted.ranges[joint])
-            entries["range"] = Entry(limits, "rad", "as published", source_name)
-    return entries
-
-
-def _motor_section(choice: JointChoice, motor: PmsmParameters) -> dict[str, Entry]:
-    basis = f"motor {choice.motor}"
-    entries = {
-        name: Entry(_exact(float(getattr(motor, name))), unit or "1", "as in its source", basis)
-        for name, unit in MOTOR_UNITS.items()
-    }
-    entries["pole_pairs"] = Entry(int(motor.pole_pairs), "1", "exact", basis)
-    entries["gear_ratio"] = Entry(choice.gear_ratio, "1", "chosen", _GIVEN)
-    entries["gear_efficiency"] = Entry(choice.gear_efficiency, "1", "±0.03", _GIVEN)
-    return entries
+        yield (name, value, basis) if given is None else (name, given, _GIVEN)
 
 
 def _rounded(value: Any) -> float | tuple[float, ...]:
@@ -199,7 +171,7 @@ def _exact(value: float) -> float:
     return value if abs(value) > 1e-14 else 0.0  # what is left of a cancellation, and -0.0
 
 
-def table_text(name: str, table: Table, source_name: str) -> str:
+def table_text(name: str, rows: Rows, source_name: str) -> str:
     """The table as TOML."""
     lines = [
         f"# {name}, read from {printable(source_name)}. Every number the robot is built from is here, once.",
@@ -209,17 +181,17 @@ def table_text(name: str, table: Table, source_name: str) -> str:
         "",
         f'name = "{name}"',
     ]
-    for section, entries in table.items():
-        lines += ["", f"[{section}]"]
-        lines += [f"{field} = {_entry_text(entry)}" for field, entry in entries.items()]
+    last = ""
+    for quantity, row in rows.items():
+        section, _, field = quantity.rpartition(".")
+        if section != last:
+            lines += ["", f"[{section}]"]
+        last = section
+        value = f"[{', '.join(map(repr, row.value))}]" if isinstance(row.value, tuple) else repr(row.value)
+        words = {"unit": row.unit, "uncertainty": row.uncertainty, "basis": row.basis}
+        rest = ", ".join(f'{key} = "{_escaped(text)}"' for key, text in words.items())
+        lines.append(f"{field} = {{ value = {value}, {rest} }}")
     return "\n".join(lines) + "\n"
-
-
-def _entry_text(entry: Entry) -> str:
-    value = f"[{', '.join(map(repr, entry.value))}]" if isinstance(entry.value, tuple) else repr(entry.value)
-    words = {"unit": entry.unit, "uncertainty": entry.uncertainty, "basis": entry.basis}
-    rest = ", ".join(f'{field} = "{_escaped(text)}"' for field, text in words.items())
-    return f"{{ value = {value}, {rest} }}"
 
 
 def _escaped(text: str) -> str:
