@@ -20,7 +20,7 @@ from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import MotorModel, WindingHeat, warmed
 from sprintlab.robots import ParameterRow, RobotDescription, drive_quantity
 from sprintlab.robots.description import JOINTS_PER_LEG
-from sprintlab.robots.importing.table import Entry, table_text
+from sprintlab.robots.importing.table import table_text
 from sprintlab.speed_limit.analysis import stride_facts
 from sprintlab.speed_limit.runner import runner_from_robot
 from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
@@ -142,11 +142,7 @@ def write_robot(path: Path, name: str, rows: Mapping[str, ParameterRow], source:
     Raises:
         SprintlabError: the disk refuses.
     """
-    table: dict[str, dict[str, Entry]] = {}
-    for quantity, row in rows.items():
-        section, _, field = quantity.rpartition(".")
-        table.setdefault(section, {})[field] = Entry(row.value, row.unit, row.uncertainty, row.basis)
-    atomic_write_text(path, table_text(name, table, source))
+    atomic_write_text(path, table_text(name, rows, source))
 
 
 def peak_current(robot: RobotDescription) -> float:

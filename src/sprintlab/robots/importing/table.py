@@ -171,7 +171,7 @@ def _exact(value: float) -> float:
     return value if abs(value) > 1e-14 else 0.0  # what is left of a cancellation, and -0.0
 
 
-def table_text(name: str, rows: Rows, source_name: str) -> str:
+def table_text(name: str, rows: Mapping[str, ParameterRow], source_name: str) -> str:
     """The table as TOML."""
     lines = [
         f"# {name}, read from {printable(source_name)}. Every number the robot is built from is here, once.",
@@ -181,16 +181,15 @@ def table_text(name: str, rows: Rows, source_name: str) -> str:
         "",
         f'name = "{name}"',
     ]
-    last = ""
+    sections: dict[str, list[str]] = {}
     for quantity, row in rows.items():
         section, _, field = quantity.rpartition(".")
-        if section != last:
-            lines += ["", f"[{section}]"]
-        last = section
         value = f"[{', '.join(map(repr, row.value))}]" if isinstance(row.value, tuple) else repr(row.value)
         words = {"unit": row.unit, "uncertainty": row.uncertainty, "basis": row.basis}
         rest = ", ".join(f'{key} = "{_escaped(text)}"' for key, text in words.items())
-        lines.append(f"{field} = {{ value = {value}, {rest} }}")
+        sections.setdefault(section, []).append(f"{field} = {{ value = {value}, {rest} }}")
+    for section, entries in sections.items():
+        lines += ["", f"[{section}]", *entries]
     return "\n".join(lines) + "\n"
 
 
