@@ -123,7 +123,7 @@ def light_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop in this process locks none: all that was ever imported or mapped would become resident."""
-    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: False)
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda: None)
 
 
 @pytest.fixture

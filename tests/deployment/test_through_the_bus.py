@@ -113,28 +113,3 @@ def test_loss_and_jitter_are_ridden_out(bus):
     assert set(run["faults"]) <= {"state-lost"} and run["faults"]["state-lost"] > 50
     assert simulated["fall_reason"] == ""
     assert 2.0 < simulated["greatest_distance"] < 15.0
-
-
-def test_a_robot_that_dies_ends_the_run_in_order(bus):
-    robot = start_robot(bus, "--lock-step", "--duration", "0.3")
-    status, run, robot_status, simulated = drive(bus, robot, "--lock-step", "--no-log")
-    assert (status, robot_status) == (1, 0)
-    assert run["end"] == "the robot is gone"
-    assert simulated["simulated_time"] == pytest.approx(0.3, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["robot-sim", "bp2"], "an address like shm://bp2"),
-        (["robot-sim", "--loss", "120"], "link.loss"),
-        (["robot-sim", "--speed-factor", "0"], "speed_factor"),
-        (["robot-sim", "--truth", "a.npz"], "give --duration too"),
-        (["robot-sim", "--robot", "spot"], "spot"),
-        (["report", "missing.mcap"], "cannot read"),
-    ],
-)
-def test_bad_input_is_refused_in_one_sentence(arguments, words, capsys):
-    assert main(arguments) == 2
-    error = capsys.readouterr().err.splitlines()
-    assert len(error) == 1 and error[0].startswith("sprintlab: ") and words in error[0]

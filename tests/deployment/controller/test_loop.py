@@ -87,7 +87,7 @@ class Log:
 @pytest.fixture
 def start(lie_down_with, hurried, monkeypatch):
     """Makes a controller and its bus; memory is not locked, since tests have imported gigabytes of it."""
-    monkeypatch.setattr(realtime, "_lock_memory", lambda remarks: True)
+    monkeypatch.setattr(realtime, "_lock_memory", lambda: None)
 
     def make(source):
         rig = lie_down_with(source)
@@ -213,7 +213,7 @@ def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
 
     isolated, before = tmp_path / "isolated", os.sched_getaffinity(0)
     monkeypatch.setattr(realtime, "_ISOLATED", isolated)
-    monkeypatch.setattr(realtime, "_lock_memory", lambda remarks: True)
+    monkeypatch.setattr(realtime, "_lock_memory", lambda: None)
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     assert any("--core" in remark for remark in lacking(None))
     isolated.write_text(f"{min(before)}-{min(before)},900-902\n")

@@ -96,7 +96,10 @@ class Controller:
         self.stop_reason = ""
         self.policy_time = 0.0
         self.moving_since: float | None = None
-        self._warm_up()
+        still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), self._targets, 0.0 * self._targets)
+        for _ in range(_WARM_UP_STEPS):  # a network's first steps are slow: later a robot waits
+            self._runtime.step(still, self._velocity)
+        self._runtime.reset()
 
     @property
     def mode(self) -> Mode:
@@ -166,21 +169,6 @@ class Controller:
             faults=tuple(fault.value for fault in self._faults),
             compute_time=(clock.perf_counter_ns() - begin) * 1e-9,
         )
-
-    def _warm_up(self) -> None:
-        """Go every way now that is slow the first time: later a robot waits."""
-        still, guard = _standing_state(self._robot), self._commands.guard
-        for _ in range(_WARM_UP_STEPS):
-            self._runtime.step(_measurement(still), self._velocity)
-            for age in (0.0, 1e-3):
-                guard.servo(self._targets, still, age)
-            guard.damping(still)
-            self._body.check(still, 0.0, carried=True)
-            self._states.accept(still, 0.0)
-            self._limiter.advance(self._velocity, 0.0)
-            heading_command(self._course.heading(still), 0.0, 0.0)
-        self._runtime.reset()
-        self._forget_robot()
 
     # ---- what comes in -------------------------------------------------------------------------------
 
@@ -394,7 +382,7 @@ class Controller:
         state = self._states.last
         if self.mode is Mode.PASSIVE or state is None:
             return self._commands.off(now)
-        if self._behaviour.damps(self._time):
+        if self._behaviour.damps:
             return self._commands.damping(now, state, stale=self._states.stale(self._time))
         return self._commands.servo(now, state, self._targets)
 
@@ -413,21 +401,6 @@ def _check_braking(policy: Policy, limiter: VelocityLimiter) -> None:
             f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
             f"takes {taken:.1f} s from {limiter.top_speed:g} m/s to rest, and a robot has {longest:.1f} s"
         )
-
-
-def _standing_state(robot: RobotDescription) -> RobotState:
-    """What a robot says that stands still."""
-    zeros = np.zeros(len(robot.joint_names))
-    return RobotState(
-        sequence=0,
-        timestamp=0,
-        joint_position=np.array(robot.default_pose),
-        joint_velocity=zeros,
-        joint_torque=zeros,
-        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity=np.zeros(3),
-        bus_voltage=robot.bus_voltage,
-    )
 
 
 def _measurement(state: RobotState) -> Measurement:

@@ -59,6 +59,7 @@ class Behaviour:
         brakes: whether the commanded velocity is brought to zero.
         held: whether a fault keeps the robot from running.
         motion: the targets where the policy does not drive; None where nothing is driven.
+        damps: whether joints are damped instead of driven.
     """
 
     mode: ClassVar[Mode] = Mode.PASSIVE
@@ -68,6 +69,7 @@ class Behaviour:
     brakes: bool = False
     held: bool = False
     motion: Motion | None = None
+    damps: bool = False
 
     def may_leave(self, goal: Mode, time: float) -> bool:
         """Whether the mode has come so far that ``goal`` may follow at ``time`` [s]."""
@@ -82,10 +84,6 @@ class Behaviour:
             velocity: commanded: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
         """
         return None
-
-    def damps(self, time: float) -> bool:
-        """Whether joints are damped instead of driven."""
-        return False
 
 
 class StandUp(Behaviour):
@@ -200,16 +198,14 @@ class LieDown(Behaviour):
         return motions.sink_motion(self._robot, self._here(state), time)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
-        """From motion to motion; passive after the last one and the damping."""
-        if self._gathering and time >= self.motion.end_time:
+        """From motion to motion; damp after the last one, then passive."""
+        over = time - self.motion.end_time
+        if self._gathering and over >= 0.0:
             self.motion = self._next_motion(state, time)
-        elif time >= self.motion.end_time + _DAMP_TIME:
-            return Mode.PASSIVE
+        elif not self._gathering:
+            self.damps = over >= 0.0
+            return Mode.PASSIVE if over >= _DAMP_TIME else None
         return None
-
-    def damps(self, time: float) -> bool:
-        """After sinking."""
-        return not self._gathering and time >= self.motion.end_time
 
 
 class Stop(Behaviour):
@@ -217,6 +213,7 @@ class Stop(Behaviour):
 
     mode = Mode.STOP
     ways: ClassVar = {Request.PASSIVE: Mode.PASSIVE}
+    damps = True
 
     def __init__(self) -> None:
         self._rest, self._rested = Persistence(_REST_TIME), False
@@ -229,10 +226,6 @@ class Stop(Behaviour):
         """Watch the joints come to rest."""
         self._rested = self._rest.update(fastest_joint(state) < REST_SPEED, time)
         return None
-
-    def damps(self, time: float) -> bool:
-        """Always."""
-        return True
 
 
 def fastest_joint(state: RobotState) -> float:

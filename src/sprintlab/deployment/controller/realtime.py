@@ -6,7 +6,7 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,11 +38,28 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
         yield RealTimeGrant(memory_locked=False, priority=None, remarks=("real time needs Linux",))
         return
     remarks: list[str] = []
+
+    def is_granted(otherwise: str, ask: Callable[[], object]) -> bool:
+        try:
+            ask()
+        except OSError as error:
+            remarks.append(f"{otherwise}: {error.strerror}")
+            return False
+        return True
+
     cores, scheduler = os.sched_getaffinity(0), (os.sched_getscheduler(0), os.sched_getparam(0))
-    _pin(core, remarks)
+    if core is not None:
+        is_granted(f"the loop cannot stay on core {core}", lambda: os.sched_setaffinity(0, {core}))
+    if not os.sched_getaffinity(0) <= _isolated_cores():
+        remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
     gc.disable()
-    locked = _lock_memory(remarks)
-    granted = _raise_priority(priority, remarks)
+    locked, granted = is_granted("memory is not locked (see ulimit -l)", _lock_memory), None
+    if priority is None:
+        remarks.append("no real-time priority was asked for: every busy process delays the loop")
+    else:
+        parameters = os.sched_param(priority)
+        ask, refused = os.sched_setscheduler, "real-time priority is not permitted (see ulimit -r)"
+        granted = priority if is_granted(refused, lambda: ask(0, os.SCHED_FIFO, parameters)) else None
     try:
         yield RealTimeGrant(memory_locked=locked, priority=granted, remarks=tuple(remarks))
     finally:
@@ -67,38 +84,11 @@ def _isolated_cores() -> set[int]:
     return {core for first, _, last in ranges for core in range(int(first), int(last or first) + 1)}
 
 
-def _pin(core: int | None, remarks: list[str]) -> None:
-    """Stay on one core, one that is kept free of other work."""
-    if core is not None:
-        try:
-            os.sched_setaffinity(0, {core})
-        except OSError as error:
-            remarks.append(f"the loop cannot stay on core {core}: {error.strerror}")
-    if not os.sched_getaffinity(0) <= _isolated_cores():
-        remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
-
-
-def _lock_memory(remarks: list[str]) -> bool:
+def _lock_memory() -> None:
+    """Keep all pages in memory; at a limit only those of now: later ones would be refused in mid-run."""
     import resource
 
-    # At a limit, memory that is taken later would be refused in mid-run.
     unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
     flags = _LOCK_CURRENT | _LOCK_FUTURE if unlimited else _LOCK_CURRENT
     if ctypes.CDLL(None, use_errno=True).mlockall(flags) != 0:
-        remarks.append(f"memory is not locked: {os.strerror(ctypes.get_errno())} (see ulimit -l)")
-        return False
-    if not unlimited:
-        remarks.append("only the memory taken so far is locked (see ulimit -l unlimited)")
-    return True
-
-
-def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
-    if priority is None:
-        remarks.append("no real-time priority was asked for: every busy process delays the loop")
-        return None
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError as error:
-        remarks.append(f"real-time priority is not permitted: {error.strerror} (see ulimit -r)")
-        return None
-    return priority
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
