@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sprintlab.control import pd_torque
-from sprintlab.deployment.messages import FloatArray, JointCommand, JointMode, RobotState
+from sprintlab.deployment.messages import FloatArray, JointCommand, RobotState
 from sprintlab.motors import PreparedDrive
 from sprintlab.robots import RobotDescription
 
@@ -106,10 +106,6 @@ def _share(value: FloatArray) -> FloatArray:
 
 
 def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:
-    """Joint torque [N m] ``(joints,)`` that a command asks for at a state."""
-    if command.mode == JointMode.OFF:
-        return np.zeros_like(state.joint_velocity)
-    if command.mode == JointMode.DAMPING:
-        return -command.damping * state.joint_velocity
+    """Joint torque [N m] ``(joints,)`` that a command of ``CommandWriter`` asks for at a state."""
     spring = command.stiffness * (command.target_position - state.joint_position)
     return spring - command.damping * state.joint_velocity + command.feedforward_torque

@@ -17,6 +17,7 @@ from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
 _ASK_AGAIN = 2.0  # [s] without any answer in lock-step: the network has dropped the state or the answer
+_PATIENCE = 30.0  # [s] without any answer in lock-step after which the simulation gives up
 _POLL = 2e-5  # s between two looks at the bus in lock-step
 
 
@@ -30,11 +31,9 @@ class PaceOptions:
     lock_step: bool = False
     duration: float | None = None  # end after this much simulated time [s]; ``None`` for no end
     end_with_controller: bool = False  # end when a controller that was there has left
-    patience: float = 30.0  # in lock-step, give up when no answer has come for this long [s]
 
     def __post_init__(self) -> None:
         check_range("speed_factor", self.speed_factor, 0.01, 100.0)
-        check_positive("patience", self.patience, "s")
         if self.duration is not None:
             check_positive("duration", self.duration, "s")
 
@@ -213,9 +212,7 @@ class _Run:
     def _wait_since(self, begin: float) -> float:
         """Sleep for a moment; how long it has waited since ``begin`` [s]."""
         waited = time.monotonic() - begin
-        if waited > self._pace.patience:
-            raise SprintlabError(
-                f"the controller has not answered for {self._pace.patience:g} s in lock-step"
-            )
+        if waited > _PATIENCE:
+            raise SprintlabError(f"the controller has not answered for {_PATIENCE:g} s in lock-step")
         time.sleep(_POLL)
         return waited
