@@ -1,12 +1,16 @@
 """Settings that make no sense are refused by the name of their field."""
 
+from dataclasses import MISSING, fields
+
 import pytest
 
 from sprintlab.commands import (
     AdaptiveSchedule,
+    BoxGrid,
     CommandGrid,
     CurriculumSchedule,
     FixedAccelerationSchedule,
+    ProgressGrid,
     RampedSchedule,
     RangeGrowth,
     SpeedProfile,
@@ -17,43 +21,35 @@ from sprintlab.commands import (
 )
 from sprintlab.core.errors import InvalidValueError
 
-WRONG = [
-    (AdaptiveSchedule, {"window": 0.0}),
-    (AdaptiveSchedule, {"braking_window": -1.0}),
-    (AdaptiveSchedule, {"hold": (1.0, 0.4)}),
-    (AdaptiveSchedule, {"biased_share": 1.1}),
-    (TargetSampling, {"persistence": (-1.0, 2.0)}),
-    (TargetSampling, {"top_share": 0.99}),
-    (TargetSampling, {"yaw_limit": float("nan")}),
-    (FixedAccelerationSchedule, {"acceleration": (4.0, 2.0)}),
-    (RampedSchedule, {"ramp": 0.0}),
-    (CommandGrid, {"speed": (3.0, 2.0)}),
-    (CommandGrid, {"speed_bin": 2e-6}),  # eight million rows take all memory
-    (CommandGrid, {"yaw_bins": 0}),
-    (CommandGrid, {"gain": 1.5}),
-    (CommandGrid, {"linear_success": -0.1}),
-    (RangeGrowth, {"upper": 0.0}),
-    (RangeGrowth, {"increment": -0.1}),
-    (StageBlend, {"second_top": 5.0}),
-    (StageBlend, {"ramp_iterations": 0}),
-    (StageBlend, {"earliest_iteration": -1}),
-    (SpeedProfile, {"top_speed": 0.0}),
-    (SpeedProfile, {"acceleration": -4.0, "top_speed": 3.0}),
-    (SpeedProfile, {"hold": -1.0, "top_speed": 3.0}),
-    (SprintProfile, {"top_speed": -1.0}),
-    (SprintProfile, {"stand": -1.0, "top_speed": 1.0}),
-    (Track, {"radius": 0.0}),
-    (Track, {"straight": -1.0}),
-]
+SETTINGS = (
+    AdaptiveSchedule, BoxGrid, CommandGrid, CurriculumSchedule, FixedAccelerationSchedule, ProgressGrid,
+    RampedSchedule, RangeGrowth, SpeedProfile, SprintProfile, StageBlend, TargetSampling, Track,
+)  # fmt: skip
 
 
-@pytest.mark.parametrize(("settings", "wrong"), WRONG)
-def test_impossible_settings_are_refused(settings, wrong):
+@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("number", [float("nan"), -1e9])
+def test_impossible_numbers_are_refused_by_the_name_of_their_field(settings, number):
+    needed = {each.name: 3.0 for each in fields(settings) if each.default is MISSING}
+    numbers = [each.name for each in fields(settings) if type(each.default) in (int, float)]
+    for name in (*needed, *numbers):
+        with pytest.raises(InvalidValueError) as caught:
+            settings(**needed | {name: number})
+        assert name in caught.value.field
+
+
+@pytest.mark.parametrize(
+    ("settings", "wrong"),
+    [
+        (AdaptiveSchedule, {"hold": (1.0, 0.4)}),
+        (TargetSampling, {"top_share": 0.99}),
+        (CommandGrid, {"speed": (3.0, 2.0)}),
+        (CommandGrid, {"speed_bin": 2e-6}),  # eight million rows take all memory
+        (StageBlend, {"second_top": 5.0}),
+        (CurriculumSchedule, {"targets": TargetSampling(grid=None)}),
+    ],
+)
+def test_values_that_do_not_fit_each_other_are_refused(settings, wrong):
     with pytest.raises(InvalidValueError) as caught:
         settings(**wrong)
     assert next(iter(wrong)) in caught.value.field
-
-
-def test_a_curriculum_needs_a_grid():
-    with pytest.raises(InvalidValueError, match="grid"):
-        CurriculumSchedule(targets=TargetSampling(grid=None))

@@ -157,7 +157,7 @@ class CommandGrid(SpeedGrid):
         angular_success: the same of the yaw rate.
 
     Raises:
-        InvalidValueError: as ``SpeedGrid``, or a share outside [0, 1].
+        InvalidValueError: as ``SpeedGrid``, ``start`` not positive, or a share outside [0, 1].
     """
 
     start: float = 1.0
@@ -167,6 +167,7 @@ class CommandGrid(SpeedGrid):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_positive("start", self.start, "m/s")
         for name in ("gain", "linear_success", "angular_success"):
             check_range(name, getattr(self, name), 0.0, 1.0)
 

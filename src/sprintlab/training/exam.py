@@ -2,8 +2,7 @@
 
 Nominal robots with the protocol's joint noise stand, rise at 4 m/s2, hold, fall at 4 m/s2 and stand: a third
 of them to the top of the present range of speeds, the others a little below. No number of the training's log
-tells what a policy will hold; this one does. It draws nothing from the training's random generators, and
-reads its numbers back once, at its end.
+tells what a policy will hold; this one does. It draws nothing from the training's random generators.
 """
 
 from __future__ import annotations
@@ -69,16 +68,16 @@ class GroupResult:
     """What the robots of one speed did.
 
     Attributes:
-        asked: speed [m/s].
-        held: mean forward speed of those that did not fall [m/s]; 0 where all fell.
-        fallen: share of the robots.
-        at_rest: share of the robots that stood at the end.
-        worst: median over the robots of each one's worst, by the names of ``LIMITS`` and ``stop_depth``
+        asked: Speed that was asked for [m/s].
+        held: Mean forward speed of those that did not fall [m/s]; 0 where all fell.
+        fallen: Share of the robots that fell.
+        at_rest: Share of the robots that stood at the end.
+        worst: Median over the robots of each one's worst, by the names of ``LIMITS`` and ``stop_depth``
             (over the end stop's zone).
-        most: what nine of ten robots keep, likewise.
-        load: each foot's share of the ground's force, at the ends of the steady policy steps ``(legs,)``.
-        duty: share of the steady time that each foot stands ``(legs,)``.
-        cost: of transport [-], electrical.
+        most: What nine of ten robots keep, by the same names.
+        load: Each foot's share of the ground's force, at the ends of the steady policy steps ``(legs,)``.
+        duty: Share of the steady time that each foot stands ``(legs,)``.
+        cost: Electrical cost of transport [-].
     """
 
     asked: float
@@ -117,14 +116,11 @@ class GroupResult:
     def row(self) -> dict[str, float]:
         """The numbers by name, as the log has them."""
         return {
-            "asked": self.asked,
-            "held": self.held,
-            "fallen": self.fallen,
-            "at_rest": self.at_rest,
+            **{name: getattr(self, name) for name in ("asked", "held", "fallen", "at_rest", "cost")},
             **self.worst,
             **{f"load_{foot}": share for foot, share in enumerate(self.load)},
+            "load": min(self.load),
             "duty": min(self.duty),
-            "cost": self.cost,
             "limits_failed": float(len(self.failed)),
         }
 
@@ -152,15 +148,10 @@ class ExamResult:
 
     def row(self) -> dict[str, float]:
         """The numbers by name, as the log has them."""
-        return {
-            "exam/held": 0.0 if self.best is None else self.best.reached,
-            **{
-                f"exam/{name}/{key}": value
-                for name, g in self.groups.items()
-                for key, value in g.row().items()
-            },
-            **{f"exam/{name}": value for name, value in self.parts.items()},
-        }
+        row = {"exam/held": 0.0 if self.best is None else self.best.reached}
+        for name, group in self.groups.items():
+            row |= {f"exam/{name}/{key}": value for key, value in group.row().items()}
+        return row | {f"exam/{name}": value for name, value in self.parts.items()}
 
 
 class Exam(SprintEnvironment):
@@ -321,32 +312,20 @@ class Exam(SprintEnvironment):
         return slice(max(0, braking - 100), min(steps, braking + 50))
 
     def _result(self, steps: int) -> ExamResult:
-        """Everything measured, read back at once."""
-        n, legs = self.num_envs, len(self.robot.leg_names)
-        columns = (
-            self.asked[:, None],
-            self.upright[:, None],
-            self.fastest_rest[:, None],
-            self.worst,
-            self.steady_sums,
-        )
-        pieces = [*columns, self.part_sums, self.phase_sums, self.path]
-        flat = torch.cat([piece.flatten() for piece in pieces]).double().cpu().numpy()
-        asked, upright, rest, worst, steady, parts, phases, path = np.split(
-            flat, np.cumsum([piece.numel() for piece in pieces])[:-1]
-        )
-        worst, steady = worst.reshape(n, -1), steady.reshape(n, -1)
+        """Everything measured, read back."""
+        measured = (self.asked, self.upright, self.fastest_rest, self.worst, self.steady_sums)
+        columns = [values.double().cpu().numpy() for values in measured]
         weight = self.robot.total_mass * GRAVITY
-        rows = [slice(k * ROBOTS, (k + 1) * ROBOTS) for k in range(len(GROUPS))]
         groups = {
-            name: _group(asked[own], upright[own], rest[own], worst[own], steady[own], legs, weight)
-            for name, own in zip(GROUPS, rows, strict=True)
+            name: _group(*(values[k * ROBOTS : (k + 1) * ROBOTS] for values in columns), weight=weight)
+            for k, name in enumerate(GROUPS)
         }
-        means = parts.reshape(len(PHASES), -1) / np.maximum(phases, 1.0)[:, None]
+        means = self.part_sums.double() / self.phase_sums.double().clamp(min=1.0)[:, None]
+        filmed = self._filmed(groups["top"].asked, steps)
         return ExamResult(
             groups=groups,
             parts=dict(zip(WATCHED, means.flatten().tolist(), strict=True)),
-            path=path.reshape(len(self.path), -1)[self._filmed(float(asked[0]), steps)],
+            path=self.path[filmed].double().cpu().numpy(),
         )
 
 
@@ -361,22 +340,21 @@ def _group(
     rest: FloatArray,
     worst: FloatArray,
     steady: FloatArray,
-    legs: int,
+    *,
     weight: float,
 ) -> GroupResult:
-    """What the robots of one group ``(r, ...)`` amount to; ``weight`` of a robot [N]."""
+    """What the measurements ``(r, ...)`` of one group amount to; ``weight`` of a robot [N]."""
     stood, sums = upright > 0.0, steady[upright > 0.0].sum(0)
     steps, distance, energy = np.maximum(sums[0], 1.0), sums[1], sums[2]
-    force, stance = sums[3 : 3 + legs], sums[3 + legs :]
+    force, stance = np.split(sums[3:], 2)
     held = float(distance / steps)
-    order, high = np.sort(worst, axis=0), math.ceil(MOST * len(worst)) - 1
-    medians, most = np.median(worst, axis=0), order[high]
+    most = np.sort(worst, axis=0)[math.ceil(MOST * len(worst)) - 1]
     return GroupResult(
         asked=float(asked[0]),
         held=held,
         fallen=float(1.0 - stood.mean()),
         at_rest=float((stood & (rest < REST_SPEED)).mean()),
-        worst=_named(medians),
+        worst=_named(np.median(worst, axis=0)),
         most=_named(most),
         load=tuple((force / max(force.sum(), 1e-9)).tolist()),
         duty=tuple((stance / steps).tolist()),

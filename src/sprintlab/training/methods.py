@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from sprintlab.commands import (
     AdaptiveSchedule,
     BoxGrid,
-    Curriculum,
     CurriculumSchedule,
     FixedAccelerationSchedule,
     ProgressGrid,
@@ -27,16 +26,16 @@ class Method:
     """What sets a method apart.
 
     Attributes:
-        actuator_model: motor model in training.
-        schedule: how commands evolve.
-        rewards: instead of the preset's; None: the preset's.
-        reward_sum: how they are added up.
-        saturation: whether the motors saturate in training.
-        source: paper that the method follows; empty: the paper of this package.
+        actuator_model: Motor model in training.
+        schedule: How commands evolve.
+        rewards: Rewards in place of the preset's; None: the preset's.
+        reward_sum: How rewards are added up.
+        saturation: Whether the motors saturate in training.
+        source: Paper that the method follows; empty: the paper of this package.
     """
 
-    actuator_model: MotorModel
-    schedule: Schedule
+    actuator_model: MotorModel = "refined"
+    schedule: Schedule = ACS
     rewards: Rewards | None = None
     reward_sum: str = "exponential"
     saturation: bool = True
@@ -44,36 +43,24 @@ class Method:
 
 
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
-
 METHODS = {
     "baseline": Method(actuator_model="square", schedule=UNIFORM),
-    "no-envelope": Method(actuator_model="square", schedule=ACS),
-    "simplified-dc": Method(actuator_model="simplified-dc", schedule=ACS),
-    "fixed-acceleration": Method(
-        actuator_model="refined", schedule=FixedAccelerationSchedule(targets=TARGETS)
-    ),
-    "uniform-commands": Method(actuator_model="refined", schedule=UNIFORM),
-    "acs": Method(actuator_model="refined", schedule=ACS),
+    "no-envelope": Method(actuator_model="square"),
+    "simplified-dc": Method(actuator_model="simplified-dc"),
+    "fixed-acceleration": Method(schedule=FixedAccelerationSchedule(targets=TARGETS)),
+    "uniform-commands": Method(schedule=UNIFORM),
+    "acs": Method(),
 }
-"""The paper's six, in no order."""
-
-LITERAL_ACS = "literal-acs"
-"""A seventh method: the paper's Eq. of ACS as it stands, with no target that the commands move toward."""
-
-
-def _curriculum(grid: Curriculum, persistence: tuple[float, float] = (3.0, 7.0)) -> CurriculumSchedule:
-    return CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=grid, persistence=persistence))
-
-
+"""The paper's six."""
 COMPARATORS = {
     "rlvrl": Method(
-        actuator_model="refined",
-        schedule=_curriculum(BoxGrid(), (10.0, 10.0)),
+        schedule=CurriculumSchedule(
+            targets=TargetSampling(top_share=0.0, grid=BoxGrid(), persistence=(10.0, 10.0))
+        ),
         source="Margolis et al. 2022, Rapid Locomotion via RL: box-adaptive grid",
     ),
     "lp-acrl": Method(
-        actuator_model="refined",
-        schedule=_curriculum(ProgressGrid()),
+        schedule=CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=ProgressGrid())),
         source="LP-ACRL (2601.17428): bins by learning progress",
     ),
     "hound": Method(
@@ -85,19 +72,19 @@ COMPARATORS = {
     ),
 }
 """Methods of other papers, on the same robot, recipe and budget."""
-
+LITERAL_ACS = "literal-acs"
+"""The paper's Eq. of ACS as it stands, with no target that the commands move toward."""
 NO_SATURATION = "no-saturation"
-"""An eighth method: the envelope as it is, but motors that do not saturate; the paper does not ablate it."""
-
+"""The envelope as it is, but motors that do not saturate; the paper does not ablate it."""
 ALL_METHODS = (
     METHODS
     | {
-        LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0)),
-        NO_SATURATION: Method(actuator_model="refined", schedule=ACS, saturation=False),
+        LITERAL_ACS: Method(schedule=AdaptiveSchedule(biased_share=0.0)),
+        NO_SATURATION: Method(saturation=False),
     }
     | COMPARATORS
 )
-
+DEFAULT_METHOD = "acs"
 PRESETS = ("sprintlab", "paper")
 """``"sprintlab"``: our reward and practice, the defaults; ``"paper"``: the paper's table to the letter."""
 
@@ -144,7 +131,6 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
     printed = base.reward == paper_rewards()
-    simulation = base.simulation if method.saturation else replace(base.simulation, saturation=False)
     return replace(
         base,
         method=name,
@@ -152,11 +138,8 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         schedule=as_printed(method.schedule) if printed else method.schedule,
         reward=method.rewards or base.reward,
         reward_sum=method.reward_sum,
-        simulation=simulation,
+        simulation=replace(base.simulation, saturation=base.simulation.saturation and method.saturation),
     )
-
-
-DEFAULT_METHOD = "acs"
 
 
 def method(

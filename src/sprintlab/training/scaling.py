@@ -11,9 +11,16 @@ from dataclasses import replace
 from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import (
+    EpisodeSettings,
+    SimulationSettings,
+    StageSettings,
+    TrainingSettings,
+)
 from sprintlab.training.terms import Parameter, RandomizationTerm, RewardTerm
 
+Part = TypeVar("Part", SimulationSettings, EpisodeSettings, StageSettings)
+Term = TypeVar("Term", RewardTerm, RandomizationTerm)
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
 
@@ -51,42 +58,28 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
         "yaw_rates": lambda rate: rate / speed,
         "mass": lambda value: mass * value,
     }
-    simulation, stages = base.simulation, base.stages
-    episodes, constraints = base.episodes, base.constraints
-    if constraints is not None:
+    simulation, stages, episodes = base.simulation, base.stages, base.episodes
+    if (constraints := base.constraints) is not None:
         legs = constraints.legs
         legs = replace(legs, limit=length * legs.limit, full=length * legs.full)
         constraints = replace(constraints, legs=legs)
-    margin = stages.record_margin
+
+    def scaled(part: Part, factor: float, *names: str) -> Part:
+        values = {name: getattr(part, name) for name in names}
+        changes = {name: factor * value for name, value in values.items() if value is not None}
+        return replace(part, **changes)  # pyright: ignore[reportArgumentType]
+
+    speeds = ("first_top", "second_top", "growth", "growth_margin", "gated_top", "record_margin")
     return replace(
         base,
         robot=robot,
         reward={name: _scaled_term(term, scales) for name, term in base.reward.items()},
-        constraints=constraints,
-        simulation=replace(
-            simulation,
-            shortest_stride=speed * simulation.shortest_stride,
-            shortest_stance=speed * simulation.shortest_stance,
-        ),
         randomization={name: _scaled_term(term, scales) for name, term in base.randomization.items()},
-        episodes=replace(
-            episodes,
-            leg_distance_limit=length * episodes.leg_distance_limit,
-            knee_clearance=length * episodes.knee_clearance,
-        ),
-        stages=replace(
-            stages,
-            first_top=speed * stages.first_top,
-            second_top=speed * stages.second_top,
-            growth=speed * stages.growth,
-            growth_margin=speed * stages.growth_margin,
-            gated_top=speed * stages.gated_top,
-            record_margin=None if margin is None else speed * margin,
-        ),
+        constraints=constraints,
+        simulation=scaled(simulation, speed, "shortest_stride", "shortest_stance"),
+        episodes=scaled(episodes, length, "leg_distance_limit", "knee_clearance"),
+        stages=scaled(stages, speed, *speeds),
     )
-
-
-Term = TypeVar("Term", RewardTerm, RandomizationTerm)
 
 
 def _scaled_term(term: Term, scales: Mapping[str, Callable[[float], float]]) -> Term:

@@ -6,12 +6,11 @@ attempt fails, and there are no clips.
 
 from __future__ import annotations
 
-import argparse
+import io
 import os
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.interpreters import new_interpreter
 from sprintlab.robots import ModelOptions, build_model, load_robot
 
@@ -26,8 +26,6 @@ FOLDER = "clips"
 WIDTH, HEIGHT = 320, 180
 EVERY = 2
 """Policy steps of 20 ms per frame."""
-_LONGEST = 120.0
-"""A clip that takes longer is given up [s]."""
 
 
 class Clips:
@@ -58,12 +56,11 @@ class Clips:
         path = path[: len(path) if finite.all() else int(finite.argmin())]
         if not self.working or self._process is not None or len(path) < EVERY:
             return
-        self._folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(suffix=".npz")
         with open(handle, "wb") as file:
             np.savez(file, qpos=path)
         self._states, self._target = Path(name), self._folder / f"{iteration:06d}.gif"
-        command = [*new_interpreter(), "-m", __name__, name, str(self._target), "--robot", self._robot]
+        command = [*new_interpreter(), "-m", __name__, name, str(self._target), self._robot]
         silent = subprocess.DEVNULL
         self._process = subprocess.Popen(
             command, env=_environment(), stdin=silent, stdout=silent, stderr=silent
@@ -84,7 +81,6 @@ class Clips:
         self._process = None
         self._states.unlink(missing_ok=True)
         self.working = status == 0 and self._target.exists()
-        self._remove_empty_folder()
         return self._target if self.working else None
 
     def close(self) -> None:
@@ -93,11 +89,6 @@ class Clips:
             self._process.kill()
             self._process.wait()
             self._states.unlink(missing_ok=True)
-            self._remove_empty_folder()
-
-    def _remove_empty_folder(self) -> None:
-        with suppress(OSError):  # clips lie there
-            self._folder.rmdir()
 
 
 def _environment() -> dict[str, str]:
@@ -131,24 +122,17 @@ def write_clip(path: FloatArray, model: Any, target: Path) -> None:
 
 def write_gif(frames: list[Any], target: Path) -> None:
     """Pictures one after the other, in the time of the run; the file appears whole."""
-    half = target.with_suffix(".part")
-    frames[0].save(
-        half, "GIF", save_all=True, append_images=frames[1:], duration=20 * EVERY, loop=0, optimize=False
-    )
-    os.replace(half, target)
+    content = io.BytesIO()
+    frames[0].save(content, "GIF", save_all=True, append_images=frames[1:], duration=20 * EVERY, loop=0)
+    atomic_write_bytes(target, content.getvalue())
 
 
-def _main() -> None:
-    parser = argparse.ArgumentParser(prog=f"python -m {__name__}")
-    parser.add_argument("states", type=Path)
-    parser.add_argument("target", type=Path)
-    parser.add_argument("--robot", required=True)
-    given = parser.parse_args()
+def _main(states: str, target: str, robot: str) -> None:
     if hasattr(os, "nice"):
         os.nice(10)
-    path = read_arrays(given.states, ("qpos",))["qpos"]
-    write_clip(path, build_model(load_robot(given.robot), ModelOptions(visuals=True)), given.target)
+    path = read_arrays(Path(states), ("qpos",))["qpos"]
+    write_clip(path, build_model(load_robot(robot), ModelOptions(visuals=True)), Path(target))
 
 
 if __name__ == "__main__":
-    _main()
+    _main(*sys.argv[1:])

@@ -24,8 +24,9 @@ from sprintlab.control import (
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
-from sprintlab.core.errors import PolicyFileError, SprintlabError
+from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import refused_as_damaged
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.networks import Actor, trim
@@ -43,14 +44,9 @@ def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
         SprintlabError: weights and settings do not fit each other.
     """
     settings: TrainingSettings = state["settings"]
-    robot, weights = load_robot(settings.robot), state["policy"]
-    try:
-        actor = build_actor(settings, robot)
-        actor.load_state_dict(weights)
-    except (RuntimeError, TypeError) as error:
-        raise SprintlabError(
-            "the policy of this checkpoint is not of the size that its settings say"
-        ) from error
+    actor = build_actor(settings, load_robot(settings.robot))
+    with refused_as_damaged("the policy of this checkpoint", "is not of the size that its settings say"):
+        actor.load_state_dict(state["policy"])
     return actor.eval()
 
 
@@ -112,20 +108,16 @@ def _with_contract(
     data: bytes, state: dict[str, Any], pace: PaceContract | None, turning: TurningContract | None
 ) -> bytes:
     settings: TrainingSettings = state["settings"]
-    progress = state["progress"]
+    robot = load_robot(settings.robot)
+    check_robot(state, robot)
     record = TrainingRecord(
         method=settings.method,
         actuator_model=settings.actuator_model,
-        command_line=state["command_line"],
-        config_hash=state["config_hash"],
         seed=settings.seed,
-        iterations=progress.iteration,
-        environment_steps=progress.environment_steps,
-        device=state["device"],
-        date=state["date"],
+        iterations=state["progress"].iteration,
+        environment_steps=state["progress"].environment_steps,
+        **{name: state[name] for name in ("command_line", "config_hash", "device", "date")},
     )
-    robot = load_robot(settings.robot)
-    check_robot(state, robot)
     contract = make_contract(
         robot,
         layout=settings.observation,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 from rich.console import Group, RenderableType
 from rich.progress_bar import ProgressBar
@@ -150,22 +150,9 @@ def _exam_table(exam: Mapping[str, float]) -> Table:
         table.add_column(ratio=1, no_wrap=True, justify="right")
     table.add_column(ratio=1, no_wrap=True, style="dim", justify="right")
     for label, key, factor, digits, limit in _EXAM:
-        values = (f"{factor * _exam_value(exam, name, key):.{digits}f}" for name in GROUPS)
+        values = (f"{factor * exam[f'exam/{name}/{key}']:.{digits}f}" for name in GROUPS)
         table.add_row(Text(label), *values, limit)
-    failed = [exam[f"exam/{name}/limits_failed"] for name in GROUPS]
-    table.add_row("limits failed", *(_marked(number) for number in failed), "")
+    failed = (exam[f"exam/{name}/limits_failed"] for name in GROUPS)
+    marked = (f"[bold red]{number:.0f}[/]" if number else "[green]0[/]" for number in failed)
+    table.add_row("limits failed", *marked, "")
     return table
-
-
-def _exam_value(exam: Mapping[str, float], group: str, key: str) -> float:
-    if key == "load":
-        return min(_loads(exam, group))
-    return exam[f"exam/{group}/{key}"]
-
-
-def _loads(exam: Mapping[str, float], group: str) -> Sequence[float]:
-    return [value for name, value in exam.items() if name.startswith(f"exam/{group}/load_")]
-
-
-def _marked(number: float) -> str:
-    return f"[bold red]{number:.0f}[/]" if number else "[green]0[/]"
