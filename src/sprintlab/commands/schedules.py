@@ -34,16 +34,15 @@ class CommandStep(NamedTuple):
     """What a schedule is told about one policy step of ``n`` environments.
 
     Attributes:
-        speed: present forward speed [m/s] ``(n,)``.
-        dt: time since the last step [s].
-        lower: bottom of the speed range [m/s], scalar or 0-d array.
-        upper: top of the speed range [m/s], scalar or 0-d array.
-        friction: ground friction coefficient ``(n,)``.
-        reset_mask: environments just reset ``(n,)``: target and command are redrawn at once.
-        random: uniform in [0, 1) ``(n, 8)``.
-        weights: weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
-        steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
-            or 0-d array.
+        speed: Present forward speed [m/s] ``(n,)``.
+        dt: Time since the last step [s].
+        lower: Bottom of the speed range [m/s], scalar or 0-d array.
+        upper: Top of the speed range [m/s], scalar or 0-d array.
+        friction: Ground friction coefficient ``(n,)``.
+        reset_mask: Environments just reset ``(n,)``: target and command are redrawn at once.
+        random: Uniform numbers in [0, 1) ``(n, 8)``.
+        weights: Weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
+        steady: 1 in the fine-tuning phase, 0 before it; scalar or 0-d array.
     """
 
     speed: Array
@@ -62,20 +61,19 @@ class TargetSampling:
     """How persistent targets are drawn.
 
     Attributes:
-        persistence: least and greatest time a target stays [s].
-        top_share: share of the speed targets drawn from the top of the range.
-        top_fraction: the top of the range is ``[(1 - top_fraction) upper, upper]``.
-        zero_share: share of speed targets that are exactly zero.
-        backward_share: share of speed targets drawn from the backward end of the range.
-        yaw_share: share of draws with a yaw-rate target; the others are straight.
-        yaw_limit: greatest yaw-rate target [rad/s].
-        turn_share: share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
+        persistence: Least and greatest time a target stays [s].
+        top_share: Share of the speed targets drawn from the top of the range.
+        top_fraction: The top of the range is ``[(1 - top_fraction) upper, upper]``.
+        zero_share: Share of the speed targets that are exactly zero.
+        backward_share: Share of the speed targets drawn from the backward end of the range.
+        yaw_share: Share of the draws with a yaw-rate target; the others are straight.
+        yaw_limit: Greatest yaw-rate target [rad/s].
+        turn_share: Share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
             paper's 1 nothing is left to run with.
-        scaled_turns: whether a target is a share of the fastest turn that friction allows at the commanded
-            speed. Otherwise it is clipped, as in the paper: near the top of the range nearly half of the
-            turns then use all of the friction, and small ones are rare.
-        grid: curriculum from which the other speed targets and their yaw rates are drawn; None: they are
-            uniform over the range.
+        scaled_turns: A target is a share of the fastest turn that friction allows at the commanded speed.
+            Clipped, as in the paper, nearly half of the turns near the top of the range use all of the
+            friction, and small ones are rare.
+        grid: Curriculum from which the other targets are drawn; None: they are uniform over the range.
 
     Raises:
         InvalidValueError: a share outside [0, 1], or an interval that is not ordered.
@@ -144,8 +142,7 @@ class TargetSampling:
 
     def duration(self, random: Array) -> Array:
         """Times for which the targets persist [s] ``(n,)``."""
-        shortest, longest = self.persistence
-        return shortest + (longest - shortest) * random[:, 4]
+        return between(self.persistence, random[:, 4])
 
     def advance(self, state: CommandState, step: CommandStep) -> tuple[CommandState, Array]:
         """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
@@ -158,6 +155,12 @@ class TargetSampling:
             target_yaw_rate=xp.where(renewed, yaw_rate, state.target_yaw_rate),
             time_to_target=xp.where(renewed, self.duration(step.random), remaining),
         ), renewed
+
+
+def between(interval: tuple[float, float], random: Array) -> Array:
+    """Numbers of an interval ``(n,)`` from uniform ones in [0, 1)."""
+    lowest, highest = interval
+    return lowest + (highest - lowest) * random
 
 
 def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | float) -> Array:
@@ -245,20 +248,19 @@ class AdaptiveSchedule(TargetSchedule):
     the range.
 
     Attributes:
-        window: half width of the neighbourhood [m/s].
-        braking_window: how far below the present speed a lower target may draw the command [m/s], in the
-            fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
-            is symmetric, and 1 m/s is its width; with it no robot is ever commanded to stop from more than
-            1 m/s, and falls when an evaluation commands it.
-        hold: least and greatest time between updates [s].
-        biased_share: share of the updates that move toward the target.
-        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
+        window: Half width of the neighbourhood [m/s].
+        braking_window: How far below the present speed a lower target may draw the command [m/s] in the
+            fine-tuning phase, drawn between ``window`` and this at every update. With the paper's 1 m/s no
+            robot is ever asked to stop from more than that, and falls when an evaluation asks it to.
+        hold: Least and greatest time between updates [s].
+        biased_share: Share of the updates that move toward the target.
+        ramp_share: Share of the targets to which the command moves at a constant acceleration instead, ahead
             of the robot if it cannot follow, as a user's command does.
-        ramp: least and greatest such acceleration [m/s^2].
-        ramps_when_steady: whether in the fine-tuning phase all commands move so: a command that waits for the
-            robot opens the range, but pays whoever is slow.
-        keeps_rest: whether a robot whose target is rest gets no uniform draws. With them it is asked to walk
-            on after a second, and trots on the spot in between.
+        ramp: Least and greatest such acceleration [m/s^2].
+        ramps_when_steady: In the fine-tuning phase all commands move so: a command that waits for the robot
+            opens the range, but pays whoever is slow.
+        keeps_rest: A robot whose target is rest gets no uniform draws. With them it is asked to walk on after
+            a second, and trots on the spot in between.
 
     Raises:
         InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
@@ -293,23 +295,13 @@ class AdaptiveSchedule(TargetSchedule):
         held = xp.where(update, self._draw(state.target_speed, step), state.command[:, 0])
         acceleration = xp.where(renewed, self._ramp(step), state.acceleration)
         speed = xp.where(acceleration > 0.0, ramped(state, acceleration, step), held)
-        shortest, longest = self.hold
-        hold = shortest + (longest - shortest) * step.random[:, 7]
-        return self._commanded(
-            state,
-            speed,
-            step,
-            time_to_update=xp.where(update, hold, remaining),
-            acceleration=acceleration,
-        )
+        hold = xp.where(update, between(self.hold, step.random[:, 7]), remaining)
+        return self._commanded(state, speed, step, time_to_update=hold, acceleration=acceleration)
 
     def _ramp(self, step: CommandStep) -> Array:
         """Acceleration [m/s^2] ``(n,)`` with which the command goes to a new target; 0: ACS moves it."""
-        random = step.random
-        xp = namespace(random)
-        gentlest, hardest = self.ramp
-        drawn = gentlest + (hardest - gentlest) * random[:, 6]
-        share = self.ramp_share
+        random, share = step.random, self.ramp_share
+        xp, drawn = namespace(random), between(self.ramp, random[:, 6])
         if self.ramps_when_steady:
             share = share + (1.0 - share) * step.steady
         return xp.where(random[:, 5] < share, drawn, xp.zeros_like(drawn))
@@ -355,10 +347,6 @@ class FixedAccelerationSchedule(TargetSchedule):
 
     def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
         xp = namespace(step.random)
-        gentlest, hardest = self.acceleration
-        drawn = gentlest + (hardest - gentlest) * step.random[:, 7]
-        acceleration = xp.where(renewed, drawn, state.acceleration)
-        speed = ramped(state, acceleration, step)
-        return self._commanded(
-            state, speed, step, time_to_update=xp.zeros_like(speed), acceleration=acceleration
-        )
+        acceleration = xp.where(renewed, between(self.acceleration, step.random[:, 7]), state.acceleration)
+        speed, zeros = ramped(state, acceleration, step), xp.zeros_like(acceleration)
+        return self._commanded(state, speed, step, time_to_update=zeros, acceleration=acceleration)
