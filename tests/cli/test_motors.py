@@ -72,7 +72,7 @@ def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
     weak = answer(*words, "--gear-efficiency", 0.25)["operating_points"]
     assert (weak["beyond"]["refined"], weak["at_limit"]) == (0.5, 0.5)
     out = call("motor", *words).out
-    for text in ("Operating points", "d-axis voltage costs", "no-load speed", "brake", "v_d = 0"):
+    for text in ("Operating points", "d-axis voltage costs", "no-load speed", "braking", "v_d = 0"):
         assert text in out
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -166,7 +166,7 @@ def test_identify_recovers_the_motor_of_the_shipped_bench(call, answer, tmp_path
     for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation"):
         parameter = found["parameters"][name]
         assert parameter["determined"]
-        assert abs(parameter["value"] - getattr(truth, name)) < 2 * parameter["half_width_95"], name
+        assert abs(parameter["value"] - getattr(truth, name)) < 2 * parameter["half_width"], name
     assert load_motor(tmp_path / "found.toml").peak_torque == pytest.approx(truth.peak_torque, rel=0.01)
     assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")
     lines = BENCH.read_text().splitlines()
@@ -181,7 +181,7 @@ def test_identify_recovers_the_motor_of_the_shipped_bench(call, answer, tmp_path
 
 def test_a_torque_current_table_gives_the_saturation_alone(call, answer, tmp_path):
     saturation = answer("identify", *TABLE)["parameters"]["saturation"]
-    assert abs(saturation["value"] - 0.15) < 2 * saturation["half_width_95"]
+    assert abs(saturation["value"] - 0.15) < 2 * saturation["half_width"]
     assert "not determined: needs vq or power" in call("motor", "identify", *TABLE).out
     lines = TABLE[0].read_text().splitlines()
     lines[2:] = [f"{line.split(',')[0]},{3 + (number % 3)}" for number, line in enumerate(lines[2:])]

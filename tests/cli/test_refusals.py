@@ -86,7 +86,6 @@ REFUSED = (
     ("robustness --output file", "another"),
     ("limit nodog", "robot 'nodog' is unknown"),
     ("limit --starts 0", "starts = 0"),
-    ("limit --factors 0.01", "factors = 0.01"),
     ("limit --results pipe", "there is no folder pipe"),
     ("motor envelope bp2 ankle", "knee"),
     ("motor envelope bp2 hip --bus-voltage -4", "bus_voltage"),

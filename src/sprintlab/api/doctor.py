@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 import shutil
 import subprocess
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
-
-from packaging.requirements import Requirement
 
 from sprintlab.api.results import Progress, Result, records, silent, styled
 from sprintlab.core.arguments import checked
@@ -46,6 +42,12 @@ assert float(function(torch.ones(64, device=device))) == 192.0
 print(f"compiled and run on {device}")
 """
 _COMPILERS = ("gcc", "clang", "cc")
+PACKAGES = {
+    "": "numpy mujoco onnxruntime matplotlib", "train": "torch tensorboard", "drake": "drake",
+    "play": "viser", "log": "mcap", "unitree": "cyclonedds", "video": "imageio-ffmpeg", "wandb": "wandb",
+    "rsl-rl": "rsl-rl-lib", "mjlab": "mjlab",
+}  # fmt: skip
+"""The packages that matter, by the extra that brings them."""
 Outcome = tuple[str, str, str]
 """State, what was found, and advice. Missing: not here, and not needed by everybody; broken: unusable."""
 
@@ -69,25 +71,28 @@ def doctor(
         training: the same, and count what training on a GPU does not find as a fault.
     """
     findings = list(_findings(Path(folder), thorough or training, progress))
-    wanted = [item for item in findings if training and item["needed_for"].startswith("training")]
-    faults = [item for item in findings if item["state"] == "broken"]
-    faults += [item for item in wanted if item["state"] == "missing"]
-    rows = [{"what": item["name"], **item, "state": _coloured(item["state"])} for item in findings]
-    shown = [{key: row[key] for key in ("what", "state", "found", "needed_for")} for row in rows]
+    needed = [item for item in findings if training and item["needed_for"].startswith("training")]
+    broken = any(item["state"] == "broken" for item in findings)
+    ok = not broken and all(item["state"] != "missing" for item in needed)
+    rows = [
+        {
+            "what": item["name"],
+            "state": styled(f"[{_COLOURS[item['state']]}]{item['state']}[/]"),
+            "found": item["found"],
+            "for": item["needed_for"],
+        }
+        for item in findings
+    ]
     advised: dict[str, list[str]] = {}
     for item in findings:
         if item["advice"]:
             advised.setdefault(item["advice"], []).append(item["name"])
     advice = [f"{', '.join(names)}: {text}" for text, names in advised.items()]
     return Result(
-        numbers={"ok": not faults, "findings": findings},
-        shown=[records("sprintlab doctor", shown), *advice],
-        status=1 if faults else 0,
+        numbers={"ok": ok, "findings": findings},
+        shown=[records("sprintlab doctor", rows), *advice],
+        status=0 if ok else 1,
     )
-
-
-def _coloured(state: str) -> Any:
-    return styled(f"[{_COLOURS[state]}]{state}[/]")
 
 
 def _finding(name: str, needed_for: str, outcome: Outcome) -> dict[str, str]:
@@ -119,39 +124,20 @@ def _findings(folder: Path, thorough: bool, progress: Progress) -> Iterator[dict
 
 
 def package_findings() -> Iterator[dict[str, str]]:
-    """Every package that sprintlab or one of its extras asks for, against the range that it asks for."""
+    """The packages that sprintlab or one of its extras stands on."""
     yield _finding("sprintlab", "everything", ("ok", package_version("sprintlab"), ""))
+    for extra, names in PACKAGES.items():
+        use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
+        yield from (_finding(name, use, package_outcome(name, extra)) for name in names.split())
+
+
+def package_outcome(name: str, extra: str) -> Outcome:
+    """Whether a package is installed that an extra brings, or without extra the package itself."""
     try:
-        asked = [(_extra(text), Requirement(text)) for text in metadata.requires("sprintlab") or []]
-    except metadata.PackageNotFoundError:  # it runs from a source tree
-        asked = []
-    seen = {"sprintlab"}
-    # What several extras bring is named for the commonest use: the base first, then training.
-    for extra, wanted in sorted(asked, key=lambda pair: pair[0] not in ("", "train")):
-        applies = wanted.marker is None or wanted.marker.evaluate({"extra": extra})
-        if applies and extra not in ("dev", "docs") and wanted.name not in seen:
-            seen.add(wanted.name)
-            use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
-            yield _finding(wanted.name, use, package_outcome(wanted, extra))
-
-
-def _extra(requirement: str) -> str:
-    """Name of the extra that a requirement belongs to; empty for those that are always needed."""
-    match = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", requirement)
-    return match.group(1) if match else ""
-
-
-def package_outcome(wanted: Requirement, extra: str) -> Outcome:
-    """Whether a package is installed in a version that is asked for; ``extra`` brings it, or is empty."""
-    try:
-        found = metadata.version(wanted.name)
+        return "ok", metadata.version(name), ""
     except metadata.PackageNotFoundError:
-        advice = f"pip install 'sprintlab[{extra}]'" if extra else f"pip install '{wanted.name}'"
+        advice = f"pip install 'sprintlab[{extra}]'" if extra else f"pip install {name}"
         return "missing" if extra else "broken", "not installed", advice
-    if wanted.specifier.contains(found, prereleases=True):
-        return "ok", found, ""
-    advice = f"pip install '{wanted.name}{wanted.specifier}'"
-    return "broken", f"{found}, wanted {wanted.specifier}", advice
 
 
 def _probe(code: str) -> tuple[bool, str]:
@@ -177,18 +163,10 @@ def _driver() -> Outcome:
     return "ok", "; ".join(done.stdout.strip().splitlines()), ""
 
 
-def _installed(package: str) -> bool:
-    try:
-        return bool(metadata.version(package))
-    except metadata.PackageNotFoundError:
-        return False
-
-
 def _cuda() -> Outcome:
-    if not _installed("torch"):
+    if package_outcome("torch", "train")[0] != "ok":
         return _NO_PYTORCH
-    devices = (Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"), Path("/dev/dxg"))
-    if shutil.which("nvidia-smi") is None and not any(device.exists() for device in devices):
+    if _driver()[0] != "ok":
         return "missing", "no GPU", "needs a GPU and its driver, see above"
     works, said = _probe(_CUDA)
     advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
@@ -204,7 +182,7 @@ def _compiler() -> Outcome:
 
 
 def _compilation() -> Outcome:
-    if not _installed("torch"):
+    if package_outcome("torch", "train")[0] != "ok":
         return _NO_PYTORCH
     keep_compiled_code_private()
     works, said = _probe(_COMPILE)

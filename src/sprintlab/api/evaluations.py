@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_KEYS = ("top_speed_command_m_s", "held_speed_m_s", "trials", "falls", "not_stopped")
+
+
 @checked
 def evaluate(
     policy: PolicyChoice,
@@ -124,78 +127,57 @@ def first_step(grid: float, every_speed: bool = False) -> float | None:
 
 
 def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
-    """The numbers of one search as JSON-ready values; what is not defined becomes null."""
-    best, fastest, running = result.best, result.fastest, result.running
-    mean = result.mean
+    """The numbers of one search as JSON-ready values: of every command, and of those that stand out."""
+    best, common, running = result.best, result.common, result.running
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
-    clean = [rows[speed.top_speed] for speed in result.passed if rows[speed.top_speed]["audit_passed"]]
-    there = {} if best is None else rows[best.top_speed]
+    passed = [rows[speed.top_speed] for speed in result.passed]
+    clean = [row for row in passed if not row["audit_failed"]]
     bands = [] if best is None else merge_bands(b for trial in best.completed for b in trial.metrics.estimate)
     return json_ready(
         {
-            "max_velocity_m_s": mean("held_speed"),
-            "running_speed_m_s": None if running is None else running.running_speed,
-            "running_command_m_s": None if running is None else running.top_speed,
-            "peak_speed_m_s": mean("peak_speed"),
-            "J_rad2_s": mean("angular_cost"),
-            "J_per_second_rad2_s2": mean("angular_cost_rate"),
-            "hold_acceleration_m_s2": mean("hold_acceleration"),
-            "over_speed_share": mean("over_speed_share"),
-            "J_common_rad2_s": result.common and result.common.mean("angular_cost"),
-            "common_speed_m_s": None if result.common is None else result.common.top_speed,
-            "top_speed_command_m_s": there.get("top_speed_m_s"),
-            "held_steady": there.get("held_steady"),
-            "audit_failed": there.get("audit_failed"),
-            "audit_failures": there.get("audit_failures", []),
-            "fastest": None if fastest is None else rows[fastest.top_speed],
+            "max_velocity_m_s": result.mean("held_speed"),
+            "running_speed_m_s": running and running.running_speed,
+            "running_command_m_s": running and running.top_speed,
+            "common_speed_m_s": common and common.top_speed,
+            "J_common_rad2_s": common and common.mean("angular_cost"),
+            "best": passed[-1] if passed else None,
+            "fastest": result.fastest and rows[result.fastest.top_speed],
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
             "estimate": [asdict(band) for band in bands],
-            "cost_of_transport": mean("cost_of_transport"),
-            "stride_frequency_Hz": mean("stride_frequency"),
-            "stance_s": mean("stance_time"),
-            "duty": mean("mean_duty"),
             "speeds": list(rows.values()),
         }
     )
 
 
 def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
-    audit = audit_trials([trial.metrics for trial in speed.trials])
-    return {
-        "top_speed_m_s": speed.top_speed,
-        "held_speed_m_s": speed.mean("held_speed"),
-        "J_rad2_s": speed.mean("angular_cost"),
-        "falls": speed.falls,
-        "not_stopped": speed.not_stopped,
-        "trials": len(speed.trials),
-        "audit_passed": audit.passed,
-        "held_steady": speed.held_steady,
-        "audit_failed": [item.name for item in audit.failed],
-        "audit_failures": [audit_failure(item) for item in audit.failed],
-    }
+    failed = audit_trials([trial.metrics for trial in speed.trials]).failed
+    told = {item.name: audit_failure(item) for item in failed}
+    return {"top_speed_command_m_s": speed.top_speed, **speed.to_dict(), "audit_failed": told}
 
 
 def _shown(policy: str, searches: dict[str, dict[str, Any]]) -> Iterator[RenderableType]:
-    """Raw beside self-paced, failed audits, errors of the estimate."""
-    yield quantities(f"Policy {policy}", *searches.values(), names=("raw", "self-paced"))
+    """Raw beside self-paced, then every command, what failed at the best one, errors of the estimate."""
+    yield quantities(f"Policy {policy}", *map(_told, searches.values()), names=("raw", "self-paced"))
     for name, search in zip(("raw", "self-paced"), searches.values(), strict=True):
-        for failure in search["audit_failures"]:
-            yield f"audit, {name}, at the highest command: {failure}"
-        for what, speeds in audit_failures(search["speeds"]).items():
-            yield f"audit, {name}: failed at {', '.join(map('{:g}'.format, speeds))} m/s ({what})"
+        rows = [
+            {key: speed[key] for key in _KEYS} | {"audit failed": ", ".join(speed["audit_failed"])}
+            for speed in search["speeds"]
+        ]
+        yield records(f"\nCommands, {name}", rows)
+        yield from ((search["best"] or {}).get("audit_failed") or {}).values()
         if search["estimate"]:
-            title = f"\nEstimate against truth at the highest speed, {name}: rms errors, SI units"
+            title = f"\nEstimate against truth at the highest command passed, {name}: rms errors, SI units"
             yield records(title, search["estimate"])
 
 
-def audit_failures(speeds: list[dict[str, Any]]) -> dict[str, list[float]]:
-    """Commands [m/s] at which each item of the audit failed, those left out at which every trial fell."""
-    found: dict[str, list[float]] = {}
-    for speed in speeds:
-        if speed["falls"] < speed["trials"]:
-            for item in speed["audit_failed"]:
-                found.setdefault(item, []).append(speed["top_speed_m_s"])
-    return found
+def _told(search: dict[str, Any]) -> dict[str, Any]:
+    """What stands in the table of a search: all of its best command, of the fastest the speed."""
+    short = {
+        name: search[name] and {key: search[name][key] for key in _KEYS[:2]}
+        for name in ("fastest", "fastest_with_audit_passed")
+    }
+    best = {**(search["best"] or {}), "audit_failed": None}
+    return {**search, **short, "best": None, **best}
 
 
 def _figure(searches: dict[str, ProtocolResult]) -> Figure:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from sprintlab import speed_limit as limits
 from sprintlab.api.motors import chosen_motor
 from sprintlab.api.results import Drawn, Progress, drawn, quantities, records, silent
 from sprintlab.core.arguments import checked
-from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import check_folder
 from sprintlab.deployment import log as logs
@@ -28,18 +26,18 @@ UNITS = {
     "stance": "s",
 }  # fmt: skip
 """Units of a stride's and a rollout's numbers by their names."""
+FACTORS = (0.9, 1.1)
+"""On bus voltage, gear ratio, leg length and mass: what a limit is sensitive to."""
 
 
 @checked
 def limit(
     robot: str | Path = "bp2",
     *,
-    factors: Sequence[float] = (0.9, 1.1),
     quick: bool = False,
     starts: int = 6,
     max_stride: float | None = None,
     min_duty: float | None = None,
-    seed: int = 0,
     results: Path | str | None = None,
     progress: Progress = silent,
 ) -> Drawn:
@@ -49,12 +47,10 @@ def limit(
 
     Args:
         robot: name of a robot, or the path of its folder or table.
-        factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
         starts: random strides to begin from; more find a little more.
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
-        seed: seed of the random strides.
         results: folder whose result.json files say what trained policies reach; ./results when left out.
     """
     if results is not None:
@@ -62,8 +58,8 @@ def limit(
     described = load_robot(robot)
     found = limits.speed_limit(
         described,
-        settings=limits.SearchSettings(starts=starts, seed=seed, max_stride=max_stride, min_duty=min_duty),
-        factors=() if quick else factors,
+        settings=limits.SearchSettings(starts=starts, max_stride=max_stride, min_duty=min_duty),
+        factors=() if quick else FACTORS,
         causes=() if quick else tuple(limits.LIMITS_TO_LIFT),
         trained=limits.trained_speeds(Path(results or "results"), described.name),
         progress=progress,
@@ -94,7 +90,6 @@ def audit_rollout(
     bus_voltage: float | None = None,
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
-    policy_rate: float = 50.0,
 ) -> Drawn:
     """How much of a policy's torque its motors cannot give: any simulator's rollout against a motor.
 
@@ -105,13 +100,11 @@ def audit_rollout(
         rollout: CSV or NPZ (columns: docs/check-your-policy.md), or a log of sprintlab run (MCAP).
         motor: a motor file, a data sheet, an actuator of the library, or a robot with all its motors.
         joint: of a robot: give all joints this one's motor (abad, hip or knee).
-        policy_rate: decisions of the policy per second, for the stances [Hz].
     """
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
 
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
-    check_range("policy_rate", policy_rate, 1.0, 10_000.0, "Hz")
     recorded, assumed = _read_rollout(Path(rollout)), ()
     if motor in robot_names() and joint is None:
         motors = robot_motors(motor)
@@ -127,7 +120,7 @@ def audit_rollout(
     else:
         drive = chosen_motor(motor, joint or "", bus_voltage, gear_ratio, gear_efficiency).drive
         motors = JointMotors(motor=drive.motor, gear=drive.gear, bus_voltage=drive.bus_voltage)
-    verdict = audit(recorded, motors, policy_rate)
+    verdict = audit(recorded, motors)
     numbers = {"sentence": verdict.sentence, "assumed_order": assumed, **asdict(verdict)}
     gears = " and ".join(f"{ratio:g}" for ratio in sorted({*np.ravel(motors.gear.ratio).tolist()}))
     whole = {name: value for name, value in numbers.items() if name != "sentence"}

@@ -13,41 +13,21 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from sprintlab.api.results import Drawn, Result, cell, drawn, kept, records, table
+from sprintlab import motors
+from sprintlab.api.results import Drawn, Result, cell, drawn, kept, quantities, records, table
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
 from sprintlab.core.reading import read_toml
 from sprintlab.evaluation.operating_points import load_operating_points
-from sprintlab.motors import (
-    MOTOR_MODELS,
-    Gear,
-    LibraryMotor,
-    PmsmParameters,
-    chart,
-    library_motors,
-    load_library_motor,
-    load_motor,
-    save_motor,
-    single,
-)
+from sprintlab.motors import Gear, LibraryMotor, PmsmParameters, chart, library_motors, load_library_motor
 from sprintlab.motors.chart import JointDrive
 from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.motors.voltage import check_bus_voltage
 from sprintlab.robots import joint_kind, load_robot, robot_names
-from sprintlab.workbench import datasheet
+from sprintlab.workbench import datasheet, identification
 from sprintlab.workbench.datasheet_file import datasheet_template, load_datasheet
-from sprintlab.workbench.identification import (
-    OPTIONAL_UNITS,
-    PARAMETER_UNITS,
-    Identification,
-    behind_gear,
-    identify,
-    is_log,
-    load_bench,
-    rested,
-)
 
 SHORT_NAMES = {"simplified-dc": "v_d = 0", "refined + saturation": "refined + sat."}
 
@@ -93,7 +73,7 @@ def chosen_motor(
             raise InvalidValueError(
                 "joint", joint, f"choose one of {', '.join([*kinds, *robot.joint_names])}"
             )
-        motor, gear = single(robot.motors, joints[0]), single(robot.gear, joints[0])
+        motor, gear = motors.single(robot.motors, joints[0]), motors.single(robot.gear, joints[0])
         own, name = float(robot.bus_voltage), f"{source} {joint} motor"
     given = {"ratio": gear_ratio, "efficiency": gear_efficiency}
     gear = replace(gear, **{name: value for name, value in given.items() if value is not None})
@@ -111,10 +91,10 @@ def file_motor(source: str) -> tuple[PmsmParameters, Gear]:
     if "datasheet" in read_toml(source, what="motor file"):
         sheet = load_datasheet(source)
         return datasheet.convert_datasheet(sheet).motor, Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)
-    motor = load_motor(source)
+    motor = motors.load_motor(source)
     if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
         raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
-    return single(motor), Gear(ratio=1.0, efficiency=1.0)
+    return motors.single(motor), Gear(ratio=1.0, efficiency=1.0)
 
 
 @checked
@@ -201,8 +181,8 @@ def _envelope_numbers(drive: JointDrive, points: int) -> dict[str, Any]:
         "gear": asdict(drive.gear),
         "side": "joint",
         "no_load_speed": drive.no_load_speed,
-        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
-        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
+        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in motors.MOTOR_MODELS},
+        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in motors.MOTOR_MODELS},
         "peak_power": {name: chart.peak_power(drive, name) for name in chart.envelope_names()},
         "d_axis_cost": [chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES],
         "rows": [{name: float(values[i]) for name, values in columns.items()} for i in range(points)],
@@ -211,48 +191,26 @@ def _envelope_numbers(drive: JointDrive, points: int) -> dict[str, Any]:
 
 def _envelope_shown(title: str, numbers: dict[str, Any]) -> Iterator[RenderableType]:
     """Limits by speed, the models' ends and powers, the cost of the d-axis, the recorded run."""
-    names = chart.envelope_names()
-    headings = [SHORT_NAMES.get(name, name) for name in names]
-    limits = table(title, "speed", "", *headings, numbers=("speed", *headings))
-    for row in numbers["rows"]:
-        limits.add_row(_text(row["speed"]), "drive", *(_text(row[f"{name} upper"]) for name in names))
-        limits.add_row("", "brake", *(_text(row[f"{name} lower"]) for name in names), style="dim")
-    yield limits
-    yield "driving torque, braking torque below it; negative speeds mirror both\n"
-    columns = ("whole peak torque up to", "drives up to", "most power", "at speed", "with torque")
-    models = table("Speeds and power", "model", *columns, numbers=columns)
-    for name, power in numbers["peak_power"].items():
-        model = name if name in numbers["critical_speed"] else "refined"
-        ends = (_text(numbers[key][model]) for key in ("critical_speed", "end_of_drive"))
-        values = (f"{power['power']:.0f}", _text(power["speed"]), _text(power["torque"]))
-        models.add_row(SHORT_NAMES.get(name, name), *ends, *values)
-    models.add_row("no-load speed", "", _text(numbers["no_load_speed"]))
-    yield models
-    columns = ("speed", "v_d = 0", "refined", "lost", "|v_d| / V")
-    costs = (
-        (f"{each['share']:.0%}", *(_text(each[key]) for key in ("speed", "torque_without", "torque")),
-         f"{each['lost']:.1%}", f"{each['voltage_share']:.2f}") for each in numbers["d_axis_cost"]
-    )  # fmt: skip
-    what = "\nWhat the d-axis voltage costs"
-    yield table(what, "share of the no-load speed", *columns, numbers=columns, rows=costs)
+    names = {name: SHORT_NAMES.get(name, name) for name in chart.envelope_names()}
+    limits = [
+        {"speed": row["speed"]}
+        | {names[name]: f"{cell(row[f'{name} upper'])} / {cell(row[f'{name} lower'])}" for name in names}
+        for row in numbers["rows"]
+    ]
+    ends = {"whole peak torque up to": "critical_speed", "drives up to": "end_of_drive"}
+    models = [
+        {"model": names[name]}
+        | {head: numbers[key].get(name) for head, key in ends.items()}
+        | numbers["peak_power"][name]
+        for name in names
+    ]
+    yield records(f"{title}: most driving / braking torque; negative speeds mirror both", limits)
+    yield records("\nSpeeds and greatest power", models)
+    yield f"no-load speed {cell(numbers['no_load_speed'])}"
+    yield records("\nWhat the d-axis voltage costs, at shares of the no-load speed", numbers["d_axis_cost"])
     if points := numbers.get("operating_points"):
-        rows = [
-            ("samples", f"{points['samples']:.0f}"),
-            ("highest speed over no-load speed", f"{points['speed_ratio']:.3f}"),
-            ("greatest torque over the peak torque", f"{points['torque_ratio']:.3f}"),
-            ("share on the envelope, refined + sat.", f"{points['at_limit']:.2%}"),
-            *((f"share beyond {SHORT_NAMES.get(name, name)}", f"{share:.2%}")
-              for name, share in points["beyond"].items()),
-        ]  # fmt: skip
-        yield table("\nOperating points of the trajectory", "quantity", "value", rows=rows)
+        yield quantities("\nOperating points of the trajectory: shares of the samples", points)
     yield "\nspeed in rad/s, torque in N m, power in W, all on the joint's side of the gear"
-
-
-def _text(value: float | None) -> str:
-    """Two decimals, three below 10; no negative zero."""
-    if value is None:
-        return "no limit"
-    return f"{round(value, 3) + 0.0:.{2 if abs(value) >= 10 else 3}f}"
 
 
 @checked
@@ -278,7 +236,7 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
         rows = [{"quantity": key, **item} for key, item in numbers[0]["values"].items()]
         shown = [records(numbers[0]["title"], rows)]
     if name is not None and save is not None:
-        save_motor(known[name].motor, save)
+        motors.save_motor(known[name].motor, save)
         shown.append(f"motor file: {save}")
     whole = [load_library_motor(each) for each in library_motors()]
     draw = drawn("evaluation.motor_figures.library_figure", whole)
@@ -415,13 +373,15 @@ def identify_motor(
         peak_current = peak_current or float(known.peak_torque / known.torque_constant)
     if pole_pairs is None:
         raise InvalidValueError("pole_pairs", None, "give --pole-pairs or --base: it is counted, not fitted")
-    data = load_bench(bench, needs_speed=not saturation_only, columns=column)
-    if is_log(data, window):
-        data = rested(data, window, "rotor_inertia" in also)
-    data = behind_gear(data, gear_ratio, motor_speed)
+    data = identification.load_bench(bench, needs_speed=not saturation_only, columns=column)
+    if identification.is_log(data, window):
+        data = identification.rested(data, window, "rotor_inertia" in also)
+    data = identification.behind_gear(data, gear_ratio, motor_speed)
     if saturation_only:
         data = replace(data, speed=None, q_voltage=None, d_voltage=None, power=None)
-    found = identify(data, pole_pairs=pole_pairs, peak_current=peak_current, base=known, hold=hold, also=also)
+    found = identification.identify(
+        data, pole_pairs=pole_pairs, peak_current=peak_current, base=known, hold=hold, also=also
+    )
     name, numbers = Path(bench).stem, _identified_numbers(found)
     motor = Drawn(
         numbers=numbers,
@@ -433,54 +393,41 @@ def identify_motor(
     if output is None:
         return motor
     with kept(motor):
-        save_motor(found.motor(known, rotor_inertia), output)
+        motors.save_motor(found.motor(known, rotor_inertia), output)
     return replace(motor, shown=[*motor.shown, f"motor file: {output}"])
 
 
-def _identified_numbers(found: Identification) -> dict[str, Any]:
+def _identified_numbers(found: identification.Identification) -> dict[str, Any]:
     """Estimates, fit quality and warnings."""
-    units = PARAMETER_UNITS | OPTIONAL_UNITS
-    estimates = {
-        name: {
-            "value": each.value, "half_width_95": each.half_width, "unit": units[name],
-            "determined": each.determined, "reason": each.reason,
-        }
-        for name, each in found.estimates.items()
-    }  # fmt: skip
-    channels = {
-        fit.name: {"noise": fit.noise, "unit": fit.unit, "explained": fit.explained, "rows": len(fit.rows)}
-        for fit in found.channels
-    }
+    units = identification.PARAMETER_UNITS | identification.OPTIONAL_UNITS
     return {
         "trustworthy": found.trustworthy,
         "pole_pairs": found.pole_pairs,
         "peak_current": found.peak_current,
         "torque_constant": found.torque_constant,
-        "parameters": estimates,
-        "channels": channels,
+        "parameters": {name: {**asdict(each), "unit": units[name]} for name, each in found.estimates.items()},
+        "channels": [
+            {"quantity": fit.name, "rows": len(fit.rows), "noise": fit.noise, "explained": fit.explained}
+            for fit in found.channels
+        ],
         "outlier_lines": found.outliers.tolist(),
-        "singular_values": found.singular_values.tolist(),
         "warnings": list(found.warnings),
     }
 
 
-def _identified_shown(title: str, found: Identification, numbers: dict[str, Any]) -> Iterator[RenderableType]:
+def _identified_shown(
+    title: str, found: identification.Identification, numbers: dict[str, Any]
+) -> Iterator[RenderableType]:
     """Parameters with their intervals, fit, outliers, warnings."""
     columns = ("value", "95 % interval")
     made = table(title, "parameter", *columns, "unit", "", numbers=columns)
     for name, each in numbers["parameters"].items():
-        width, unknown = each["half_width_95"], each["value"] is None or not each["determined"]
+        width, unknown = each["half_width"], each["value"] is None or not each["determined"]
         interval = "-" if width is None else f"± {width:.2g}"
         why = f"not determined: {each['reason']}" if unknown else each["reason"]
-        style = "dim" if unknown else None
-        made.add_row(name, cell(each["value"]), interval, each["unit"], why, style=style)
+        made.add_row(name, cell(each["value"]), interval, each["unit"], why)
     yield made
-    columns = ("rows", "noise (1 sigma)", "explained")
-    rows = (
-        (name, str(fit["rows"]), f"{fit['noise']:.3g}", f"{fit['explained']:.2%}", fit["unit"])
-        for name, fit in numbers["channels"].items()
-    )
-    yield table("\nFit", "quantity", *columns, "unit", numbers=columns, rows=rows)
+    yield records("\nFit", numbers["channels"])
     if lines := [str(line) for line in numbers["outlier_lines"]]:
         yield f"outliers in lines {', '.join(lines[:12])}{' ...' if len(lines) > 12 else ''}"
     yield from (f"warning: {warning}" for warning in found.warnings)

@@ -68,7 +68,6 @@ def lap(
     *,
     top_speed: float = 10.0,
     robot: RobotChoice = None,
-    self_paced: bool = False,
     recording: Path | None = None,
     drive: DriveOptions = DriveOptions(),
     progress: Progress = silent,
@@ -79,14 +78,13 @@ def lap(
     Example: sprintlab lap sprint --top-speed 10 --battery --heat
 
     Args:
-        self_paced: hold the command near the measured speed.
         recording: also write the run here (.npz), for sprintlab replay.
     """
     if recording is not None:
         check_choice("recording's ending", Path(recording).suffix, (".npz",))
         check_writable_file(recording)
     plant = drive.plant()
-    request = TrialRequest(top_speed=top_speed, self_paced=self_paced, plant=plant, keep_trajectory=True)
+    request = TrialRequest(top_speed=top_speed, plant=plant, keep_trajectory=True)
     path, loaded, described = open_policy(policy, robot)
     progress("running a lap", None)
     found = run_lap(loaded, described, request)

@@ -30,16 +30,7 @@ from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
 from sprintlab.evaluation import race as races
-from sprintlab.evaluation.report_text import (
-    audit_failure,
-    audit_limit,
-    audit_measured,
-    audit_verdict,
-    engine_fault,
-    engine_table,
-    fall_text,
-    result_rows,
-)
+from sprintlab.evaluation import report_text as texts
 from sprintlab.evaluation.results import AuditReport, RaceResult
 from sprintlab.plant import on_engine
 from sprintlab.robots import RobotDescription
@@ -182,18 +173,18 @@ def _shown(result: RaceResult) -> Iterator[RenderableType]:
     """The audit, what failed of it, every fall, raw beside self-paced, the second engine, remarks."""
     yield audit_table(result.audit)
     for item in result.audit.failed:
-        yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield Text(f"audit failed: {texts.audit_failure(item)}", style="bold red")
     runs = [("sprint, raw", result.sprint.trial), ("sprint, self-paced", result.sprint_self_paced.trial)]
     for group, name in ((result.raw, "raw"), (result.self_paced, "self-paced")):
         runs += [(f"{name}, seed {trial.settings.seed}", trial) for trial in group.trials]
-    yield from (f"{name}: {fall_text(trial)}" for name, trial in runs if trial.fall_reason)
+    yield from (f"{name}: {texts.fall_text(trial)}" for name, trial in runs if trial.fall_reason)
     title = f"\n{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
     columns = ("quantity", "raw", "self-paced", "unit")
-    yield table(title, *columns, numbers=columns[1:3], rows=(row[:4] for row in result_rows(result)))
-    if (both := engine_table(result)) is not None:
+    yield table(title, *columns, numbers=columns[1:3], rows=(row[:4] for row in texts.result_rows(result)))
+    if (both := texts.engine_table(result)) is not None:
         names = tuple(both["names"])
         yield table("\nTwo engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
-        if fault := engine_fault(result):
+        if fault := texts.engine_fault(result):
             yield Text(f"marked: {fault}", style="bold red")
     yield from result.notes
 
@@ -202,7 +193,7 @@ def audit_table(audit: AuditReport) -> Table:
     """The exploit audit, one row an exploit."""
     columns = ("what", "measured: median of the trials", "limit", "", "where the limit comes from")
     rows = (
-        (item.name, audit_measured(item), audit_limit(item), VERDICTS[item.passed], item.source)
+        (item.name, texts.audit_measured(item), texts.audit_limit(item), VERDICTS[item.passed], item.source)
         for item in audit.items
     )
-    return table(f"Exploit audit: {audit_verdict(audit)}", *columns, numbers=columns[1:3], rows=rows)
+    return table(f"Exploit audit: {texts.audit_verdict(audit)}", *columns, numbers=columns[1:3], rows=rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import webbrowser
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -136,7 +135,6 @@ def play(
     gamepad: bool = False,
     gamepad_device: Path = DEFAULT_DEVICE,
     duration: float | None = None,
-    open: bool = False,
 ) -> Result:
     """Drive a robot in the browser: speed, turns, pushes, slope, friction, payload, policy, motor model.
 
@@ -149,7 +147,6 @@ def play(
         gamepad: drive with a gamepad too.
         gamepad_device: which one.
         duration: stop after this time [s]; runs until Ctrl-C when left out.
-        open: also open the page in a browser.
     """
     require_package("viser", extra="play", use="sprintlab play")
     from sprintlab.viewer.page import Page, PageOptions
@@ -158,8 +155,6 @@ def play(
     options = PageOptions(host=host, port=port, duration=duration, gamepad=pad)
     page = Page(live_session(policies, robot), options)
     shown = [f"open {page.address} in a browser; Ctrl-C ends it"]
-    if open and not webbrowser.open(page.address):
-        shown.append("no browser could be opened here")
     return Result(numbers={"address": page.address}, shown=shown, serve=page.run)
 
 

@@ -172,7 +172,8 @@ def quantities(
         units: of keys that do not end in theirs.
     """
     columns = [dict(_flat(each)) for each in (numbers, *others)]
-    known = [key for key in columns[0] if any(each.get(key) is not None for each in columns)]
+    keys = dict.fromkeys(key for each in columns for key in each)
+    known = [key for key in keys if any(each.get(key) is not None for each in columns)]
     rows = (
         (name, *(cell(each.get(key)) for each in columns), unit)
         for key in known
@@ -214,7 +215,9 @@ def cell(value: Any) -> RenderableType:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return ", ".join(str(cell(item)) for item in value)
-    return f"{value:.5g}" if isinstance(value, float) else value if isinstance(value, Text) else str(value)
+    if isinstance(value, float):
+        return f"{round(value, 12) + 0.0:.5g}"
+    return value if isinstance(value, Text) else str(value)
 
 
 def styled(markup: str) -> Text:

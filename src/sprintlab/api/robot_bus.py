@@ -203,8 +203,6 @@ def robot_sim(
     loss: float = 0.0,
     noise: float = 0.0,
     bus_voltage: float | None = None,
-    friction: float = 0.85,
-    payload: float = 0.0,
     watchdog: float = 50.0,
     fix_rate: float = 10.0,
     seed: int = 0,
@@ -232,8 +230,6 @@ def robot_sim(
         loss: share of messages lost, each way [%].
         noise: sensor noise, as a multiple of a typical set.
         bus_voltage: voltage of a stiff bus [V]; the robot's own when left out. --battery makes it sag.
-        friction: friction coefficient of feet and floor.
-        payload: mass added to the trunk [kg].
         watchdog: without a command for this long, the robot damps its joints by itself [ms].
         fix_rate: position fixes a second, as from an RTK receiver [Hz]; 0 for none.
         seed: decides noise, jitter and losses.
@@ -249,7 +245,7 @@ def robot_sim(
     link = simulators.LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
     options = simulators.SimulatorOptions(
         plant=replace(drive.plant(), bus_voltage=bus_voltage),
-        trial=TrialSettings(seed=seed, friction=friction, payload=payload),
+        trial=TrialSettings(seed=seed),
         noise=noise,
         start=start,
         fix_rate=fix_rate,
