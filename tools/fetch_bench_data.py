@@ -38,9 +38,9 @@ class Source:
 
     Attributes:
         repository: on GitHub, owner/name.
-        commit: at which the files are read.
+        commit: commit at which the files are read.
         terms: what its licence allows.
-        folder: of the files inside the repository.
+        folder: the files' folder inside the repository.
         files: name of the file, by our name of its table.
         convert: a file's text and our name of it -> tables by name.
     """
@@ -204,9 +204,7 @@ SOURCES = {
         files={
             "stall-april": _futek("27_04_2021_16-59-45"),
             "damping-april": _futek("27_04_2021_16-28-22"),
-            "stall-12-may": _futek("12_05_2021_11-32-30"),
             "stall-13-may": _futek("13_05_2021_18-10-31"),
-            "stall-24-may": _futek("24_05_2021_16-20-14"),
         },
         convert=ri50_tables,
     ),
@@ -225,17 +223,9 @@ SOURCES = {
         folder="Data/Main",
         files={
             "steps": _hej(_STEPS),
-            "steps-35": _hej("Nm35_0.2_1.0_0.09"),
-            "steps-70": _hej("Nm70_0.2_1.5_0.09"),
-            "steps-105": _hej("Nm105_0.15_1.5_0.09"),
             "steps-140": _hej("Nm140_0.1_1.5_0.09"),
-            "torque-sines-5-hz": _hej("TMS42_0.5-5_70"),
             "torque-sines-25-hz": _hej("TMS42_0.5-25_45Max"),
             "position-sines-10-hz": _hej("PMS42_0.1-10_maxlim"),
-            "position-sines-10-hz-again": _hej("PMS6769_0.10-10_maxlim"),
-            "position-sines-25-hz": _hej("PMS42_0.25-25_1.4xlim"),
-            "chirp-10-hz": _hej("PLC_0.10-10"),
-            "chirp-25-hz": _hej("PLC_0.25-25"),
         },
         convert=hej90_tables,
     ),
@@ -252,7 +242,6 @@ SOURCES = {
             "ak109Run4Data": "data/ak109Run4Data.csv",
             "ak606Run1Data": "data/ak606Run1Data.csv",
             "ak606Run2Data": "data/ak606Run2Data.csv",
-            "ak809Run1Data": "data/ak809Run1Data.csv",
         },
         convert=_ak_convert,
     ),

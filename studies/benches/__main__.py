@@ -14,9 +14,8 @@ from sprintlab.cli.output import exit_status
 from sprintlab.core.files import atomic_write_json, check_writable, check_writable_file
 from studies.benches.figures import heat_figure, torque_figure
 from studies.benches.heat import heat_rows
-from studies.benches.laws import compared, compared_saturation, turning_speed
+from studies.benches.laws import compared, compared_saturation
 from studies.benches.predictions import Split, predicted, splits
-from studies.benches.resistance import resistance_rows
 
 SATURATION_SPLITS = (
     "motor 1, stalled, first half: second half",
@@ -32,10 +31,9 @@ SATURATION_SPLITS = (
 GEAR_SPLITS = (
     "steps of 35 to 140 N m: steps of 140 N m",
     "steps of 35 to 140 N m: position of 42 sines to 10 Hz",
-    "steps of 35 to 140 N m: position chirp to 10 Hz",
 )
 SHOWN = ("motor 1, stalled on 27 April: 13 May", "below 200 rad/s: above", GEAR_SPLITS[0])
-"""One split a motor, in the figure."""
+"""One split per motor, in the figure."""
 
 
 def study(folder: Path, parts: Sequence[Split]) -> dict[str, Any]:
@@ -50,8 +48,6 @@ def study(folder: Path, parts: Sequence[Split]) -> dict[str, Any]:
         "predictions": [predicted(split) for split in parts],
         "saturation": [compared_saturation(named[name]) for name in SATURATION_SPLITS],
         "gear": [compared(named[name]) for name in GEAR_SPLITS],
-        "turning_speed_rms": turning_speed(named[GEAR_SPLITS[0]]),
-        "resistance": resistance_rows(folder),
         "heat": heat_rows(folder),
     }
 

@@ -24,7 +24,7 @@ _SECONDS = (3.0, 4.2)  # shown of a trajectory that the law follows badly
 
 
 def torque_figure(path: Path, folder: Path, splits: Sequence[Split]) -> None:
-    """Held-out points of one split a motor with the law identified elsewhere, and a second of a joint."""
+    """Held-out points of one split per motor with the law identified elsewhere, and a second of a joint."""
     figure, axes = themed_figure(LIGHT, (10.0, 6.4), 2, 2)
     for axis, split in zip(axes, splits, strict=False):
         _constant(axis, split)
@@ -79,7 +79,7 @@ def _trajectory(axis: Any, folder: Path, split: Split) -> None:
         (found.torque(bench), LIGHT.speed, "predicted from steps"),
     ):
         axis.step(bench.time[shown], torque[shown] * split.scale, color=color, where="mid", label=label)
-    set_title(axis, "HEJ-90, motions up to 10 Hz, 67 samples a second", LIGHT)
+    set_title(axis, "HEJ-90, motions up to 10 Hz, 67 samples per second", LIGHT)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("joint torque [N m]")
     axis_legend(axis, LIGHT)

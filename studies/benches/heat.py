@@ -18,7 +18,7 @@ from sprintlab.motors.thermal import COPPER_COEFFICIENT
 from studies.benches.data import FloatArray, columns
 
 STEP = 1.0
-"""Of the records and of the integration [s]."""
+"""Time between two records, and step of the integration [s]."""
 
 AK_RUNS = {
     "AK10-9": ("ak109Run4Data", ("ak109Run1Data", "ak109Run2Data", "ak109Run3Data")),
@@ -26,12 +26,10 @@ AK_RUNS = {
 }
 """Run to identify on, runs to predict."""
 
-RI50_RUNS = ("stall-12-may-1", ("stall-13-may-1", "stall-april-1", "stall-24-may-1"))
-
 
 @dataclass(frozen=True)
 class Run:
-    """One heating run, a row a second.
+    """One heating run, one row per second.
 
     Attributes:
         name: as printed.
@@ -58,18 +56,6 @@ def ak_run(folder: Path, name: str) -> Run:
         temperature=np.interp(seconds, time, temperature),
         ambient=float(asked["ambient [degC]"][0]),
     )
-
-
-def ri50_run(folder: Path, name: str) -> Run:
-    """A stalled log of the RI50: both motors carry about the same current, no surroundings are logged."""
-    log = columns(folder, f"ri50-{name}.csv")
-    second = np.floor(log["time [s]"] - log["time [s]"][0]).astype(int)
-    rows = np.bincount(second)
-    current = np.sqrt(np.bincount(second, log["iq [A]"] ** 2) / np.maximum(rows, 1))
-    temperature = np.bincount(second, log["temperature [degC]"]) / np.maximum(rows, 1)
-    whole = rows > 0
-    ambient = columns(folder, "ri50-stall-12-may-1.csv")["temperature [degC]"][:50].mean()
-    return Run(name=name, current=current[whole], temperature=temperature[whole], ambient=float(ambient))
 
 
 def simulated(parameters: Sequence[float], run: Run) -> FloatArray:
@@ -120,7 +106,6 @@ def heat_rows(folder: Path) -> list[dict[str, Any]]:
         (motor, ak_run(folder, known), [ak_run(folder, name) for name in held_out])
         for motor, (known, held_out) in AK_RUNS.items()
     ]
-    cases.append(("RI50", ri50_run(folder, RI50_RUNS[0]), [ri50_run(folder, name) for name in RI50_RUNS[1]]))
     return [_row(motor, known, held_out, nodes) for motor, known, held_out in cases for nodes in (1, 2)]
 
 

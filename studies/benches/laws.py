@@ -19,7 +19,7 @@ from studies.benches.data import FloatArray, part
 from studies.benches.predictions import PEAK_CURRENT, Split, accuracy, fitted
 
 TURNING = 0.1
-"""Joint speed over which the sign of the speed turns in the laws of the gear, unless it is fitted [rad/s]."""
+"""Joint speed over which the direction turns in the laws of the gear [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -145,19 +145,7 @@ def compared(split: Split, laws: Callable[[float, float], Sequence[Law]] = gear_
     return {"motor": split.motor, "split": split.name, "rows": kept.size, "laws": rows}
 
 
-def turning_speed(split: Split) -> dict[str, float]:
-    """Rms of a fit [N m], by joint speed over which the gear's loss and friction turn their sign [rad/s]."""
-    found = fitted(split.motor, split.known)
-    kept = part(split.known, ~np.isin(split.known.lines, found.outliers))
-    law = gear_laws(found.torque_constant, PEAK_CURRENT[split.motor])[1]
-    rms = {
-        width: float(np.sqrt(np.mean(_fitted(law, kept, split.scale, width)[1] ** 2)))
-        for width in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-    }
-    return {f"{width:g}": value for width, value in rms.items()}
-
-
-def _fitted(law: Law, bench: Bench, scale: float, width: float = TURNING) -> tuple[FloatArray, FloatArray]:
+def _fitted(law: Law, bench: Bench, scale: float) -> tuple[FloatArray, FloatArray]:
     """Parameters, the friction's behind the law's, and residuals [N m] of the best of all guesses."""
     from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
@@ -171,7 +159,7 @@ def _fitted(law: Law, bench: Bench, scale: float, width: float = TURNING) -> tup
                 (*law.low, *((-1.0, -1.0) if turns else ())),
                 (*law.high, *((1.0, 1.0) if turns else ())),
             ),
-            args=(law, bench, scale, width),
+            args=(law, bench, scale),
             x_scale="jac",
         )
         for guess in law.guesses
@@ -180,13 +168,11 @@ def _fitted(law: Law, bench: Bench, scale: float, width: float = TURNING) -> tup
     return np.asarray(best.x), np.asarray(best.fun)
 
 
-def _residuals(
-    parameters: FloatArray, law: Law, bench: Bench, scale: float, width: float = TURNING
-) -> FloatArray:
+def _residuals(parameters: FloatArray, law: Law, bench: Bench, scale: float) -> FloatArray:
     """Predicted less measured torque on the printed side [N m]; both frictions in N m of the motor's side."""
     speed = np.zeros(bench.size) if bench.speed is None else bench.speed
     joint_speed = speed / scale
-    direction = np.tanh(joint_speed / width)
+    direction = np.tanh(joint_speed / TURNING)
     torque = law.torque(parameters[: len(law.low)], bench.current, direction) * scale
     friction = parameters[len(law.low) :]
     if len(friction):

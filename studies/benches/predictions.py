@@ -127,26 +127,15 @@ def _ri50(folder: Path) -> list[Split]:
     found: list[Split] = []
     for motor in "12":
         stall = shaft(folder, f"stall-april-{motor}")
-        damping = shaft(folder, f"damping-april-{motor}")
-        early, late = (_first_half(bench) for bench in (stall, damping))
+        time = np.asarray(stall.time)
         drives, brakes = (shaft(folder, f"damping-april-{motor}", role) for role in ("drives", "brakes"))
         parts = {
-            "stalled, first half: second half": early,
-            "stalled, and turning's first half: second half": (stall, late[1], late[0]),
+            "stalled, first half: second half": halves(stall, time < np.median(time)),
             "stalled, and driving: braking": (stall, brakes, drives),
-            "driving alone: braking": (drives, brakes),
-            "turning, up to 7 A: 7 to 10 A": halves(damping, np.abs(damping.current) < 7.0),
-            "stalled on 27 April: 12 May": (stall, shaft(folder, f"stall-12-may-{motor}")),
             "stalled on 27 April: 13 May": (stall, shaft(folder, f"stall-13-may-{motor}")),
-            "stalled on 27 April: 24 May": (stall, shaft(folder, f"stall-24-may-{motor}")),
         }
         found += [_split("ri50", f"motor {motor}, {name}", *benches) for name, benches in parts.items()]
     return found
-
-
-def _first_half(bench: Bench) -> tuple[Bench, Bench]:
-    time = np.asarray(bench.time)
-    return halves(bench, time < np.median(time))
 
 
 def _d5065(folder: Path) -> list[Split]:
@@ -162,17 +151,9 @@ def _d5065(folder: Path) -> list[Split]:
 def _hej90(folder: Path) -> list[Split]:
     known = joint(folder, "steps")
     others = {
-        "steps of 35 N m": "steps-35",
-        "steps of 70 N m": "steps-70",
-        "steps of 105 N m": "steps-105",
         "steps of 140 N m": "steps-140",
-        "torque of 42 sines to 5 Hz": "torque-sines-5-hz",
         "torque of 42 sines to 25 Hz": "torque-sines-25-hz",
         "position of 42 sines to 10 Hz": "position-sines-10-hz",
-        "position of other sines to 10 Hz": "position-sines-10-hz-again",
-        "position of 42 sines to 25 Hz": "position-sines-25-hz",
-        "position chirp to 10 Hz": "chirp-10-hz",
-        "position chirp to 25 Hz": "chirp-25-hz",
     }
     return [
         _split("hej90", f"steps of 35 to 140 N m: {name}", known, joint(folder, file))
