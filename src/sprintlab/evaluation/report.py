@@ -117,11 +117,14 @@ def render_report(
         results=list(result_rows(result)),
         engines=engine_table(result),
         figures=[embedded(picture) for picture in pictures],
-        audit=[(item, audit_measured(item), audit_limit(item)) for item in result.audit.items],
+        audit=[
+            (item.name, audit_measured(item), audit_limit(item), item.passed, item.note, item.source)
+            for item in result.audit.items
+        ],
         trials=list(_trial_rows(result)),
         joints=list(_joint_rows(result, robot)),
         method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
-        facts=[*facts, *(("note", note) for note in result.notes)],
+        repeat=[*facts, *(("note", note) for note in result.notes)],
         video=None if video is None else _base64(video),
         video_message=video_message,
         replay=replay,
@@ -193,8 +196,7 @@ def _base64(data: bytes) -> str:
 
 def embedded(picture: Picture) -> dict[str, str]:
     """A picture as the templates take it."""
-    pages = {"light": _base64(picture.light), "dark": _base64(picture.dark)}
-    return {"name": picture.name, "title": picture.title, "caption": picture.caption, **pages}
+    return {**vars(picture), "light": _base64(picture.light), "dark": _base64(picture.dark)}
 
 
 def _tiles(result: RaceResult) -> Iterator[tuple[str, str, str]]:

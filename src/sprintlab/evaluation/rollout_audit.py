@@ -81,10 +81,7 @@ def _percent(share: float) -> str:
 def audit_rollout(rollout: Rollout, motors: JointMotors, policy_rate: float = 50.0) -> RolloutVerdict:
     """Compare a rollout with its motors.
 
-    Args:
-        rollout: what was recorded, with ``joint_names`` where the motors have names.
-        motors: one for all joints, or by joint name.
-        policy_rate: decisions per second, for the stances [Hz].
+    The motors are one for all joints or by joint name; ``policy_rate`` [Hz] is for the stances.
 
     Raises:
         InvalidValueError: the rate is not positive, or the names of joints and motors do not fit.

@@ -102,36 +102,41 @@ def load_rollout(path: str | Path) -> Rollout:
         raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
     if texts := [name for name, values in found.items() if values.dtype.kind not in "biuf"]:
         raise InvalidValueError(texts[0], "text", "numbers only")
-    numbers = {name: values.astype(float) for name, values in found.items()}
-    fields: dict[str, Any] = {**numbers, **names}
-    return Rollout(**fields)
+    fields: dict[str, Any] = {name: values.astype(float) for name, values in found.items()}
+    return Rollout(**fields, **names)
 
 
 def _csv_tables(path: Path) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
     """Tables by name, and the names of joints and feet."""
     columns = _csv_columns(path)
-    tables = {
-        table: {
-            head.removeprefix(f"{table}_"): at for head, at in columns.items() if head.startswith(f"{table}_")
-        }
-        for table in _TABLES
-    }
-    velocity, torque = tables["joint_velocity"], tables["joint_torque"]
-    if velocity and torque and set(velocity) != set(torque):
-        allowed = f"the names of joint_velocity: {', '.join(velocity)}"
-        raise InvalidValueError("joint_torque", ", ".join(torque), allowed)
-    tables["joint_torque"] = {name: torque[name] for name in velocity if name in torque}
-    feet, moving = tuple(tables["foot_contact"]), tables["foot_velocity"]
-    ways = [f"{foot}_{axis}" for foot in feet for axis in "xy"]
+
+    def names_in(table: str) -> tuple[str, ...]:
+        heads = (head for head in columns if head.startswith(f"{table}_"))
+        return tuple(head.removeprefix(f"{table}_") for head in heads)
+
+    joints, feet, moving = map(names_in, ("joint_velocity", "foot_contact", "foot_velocity"))
+    ways = tuple(f"{foot}_{axis}" for foot in feet for axis in "xy") if moving else ()
+    torques = names_in("joint_torque")
+    if joints and torques and set(joints) != set(torques):
+        allowed = f"the names of joint_velocity: {', '.join(joints)}"
+        raise InvalidValueError("joint_torque", ", ".join(torques), allowed)
     if moving and not (ways and set(ways) <= set(moving)):
         raise SprintlabError(f"{path}: foot_velocity needs columns _x and _y for every foot of foot_contact")
-    tables["foot_velocity"] = {way: moving[way] for way in ways if moving}
-    arrays = {name: np.stack(list(found.values()), axis=1) for name, found in tables.items() if found}
-    arrays |= {"time": columns["time"]} if "time" in columns else {}
+    taken = {
+        "joint_velocity": joints,
+        "joint_torque": joints if torques else (),
+        "base_velocity": names_in("base_velocity"),
+        "foot_contact": feet,
+        "foot_velocity": ways,
+    }
+    arrays: dict[str, Array] = {"time": columns["time"]} if "time" in columns else {}
+    for table, names in taken.items():
+        if names:
+            arrays[table] = np.stack([columns[f"{table}_{name}"] for name in names], axis=1)
     if moving:
         arrays["foot_velocity"] = arrays["foot_velocity"].reshape(-1, len(feet), 2)
-    named = all(not name.isdigit() for name in velocity)
-    return arrays, {"joint_names": tuple(velocity) if named else (), "foot_names": feet}
+    named = all(not name.isdigit() for name in joints)
+    return arrays, {"joint_names": joints if named else (), "foot_names": feet}
 
 
 def _csv_columns(path: Path) -> dict[str, FloatArray]:

@@ -125,24 +125,26 @@ def make_run_pictures(
     robot: RobotDescription,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Picture, ...]:
-    """Draw every figure in both looks; ``SimulationError`` where a trajectory is missing or holds NaN."""
-    return draw_pictures(_plan(run, simulation, robot), progress)
+    """Draw the run beside its simulation in both looks.
 
+    The gait is the simulation's, since a robot does not measure its own.
 
-def _plan(run: TrackRun, simulation: TrialResult | None, robot: RobotDescription) -> Iterator[PlannedFigure]:
-    """The run beside its simulation; the gait is the simulation's, since a robot does not measure its own."""
-    yield (
+    Raises:
+        SimulationError: a trajectory is missing or holds NaN.
+    """
+    comparison = (
         "comparison",
         "Robot and simulation" if simulation else "The run",
         "Dots: what the robot's receiver says. The simulation is given the speeds that the robot's policy "
         "was given, so a gap between the two is the gap between robot and model.",
         lambda theme: comparison_figure(run, simulation, theme),
     )
-    yield from (figure for figure in trial_figures(run.trial, robot) if figure[0] != "gait")
+    own = [figure for figure in trial_figures(run.trial, robot) if figure[0] != "gait"]
+    gait: list[PlannedFigure] = []
     if simulation is not None:
-        for name, title, caption, draw in trial_figures(simulation, robot):
-            if name == "gait":
-                yield name, f"{title} in simulation", caption, draw
+        drawn = (figure for figure in trial_figures(simulation, robot) if figure[0] == "gait")
+        gait = [(name, f"{title} in simulation", *rest) for name, title, *rest in drawn]
+    return draw_pictures([comparison, *own, *gait], progress)
 
 
 def run_numbers(run: TrackRun, simulation: TrialResult | None) -> dict[str, Any]:
@@ -187,10 +189,11 @@ def render_run_report(
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere."""
     return page_template("run_report.html.j2").render(
-        rows=list(number_rows(run_numbers(run, simulation))),
+        title="A run on the robot",
+        rows=[tuple(row.values()) for row in number_rows(run_numbers(run, simulation))],
         compared=simulation is not None,
         figures=[embedded(picture) for picture in pictures],
-        facts=[(name.replace("_", " "), value) for name, value in facts],
+        told=[(name.replace("_", " "), value) for name, value in facts],
     )
 
 
