@@ -8,7 +8,6 @@ from sprintlab.evaluation.audit import (
     CLOCK_ITEM,
     CLOCK_LOSS_ITEM,
     audit_trials,
-    clock_distance,
     with_clock_loss,
 )
 from sprintlab.evaluation.report_text import audit_failure
@@ -115,11 +114,3 @@ def test_a_slower_policy_needs_longer_stances(make_metrics):
     assert audit_trials(trial, 50.0).passed
     slow = audit_trials(trial, 25.0)
     assert [item.name for item in slow.failed] == ["stance"] and slow.failed[0].threshold == 0.04
-
-
-@pytest.mark.parametrize(
-    ("frequency", "distance"),
-    [(6.25, 0.0), (5.0, 0.0), (50 / 8.5, 0.5), (50 / 8.1, 0.1)],
-)
-def test_clock_distance_in_policy_steps(frequency, distance):
-    assert clock_distance(frequency) == pytest.approx(distance, abs=1e-9)

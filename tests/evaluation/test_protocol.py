@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from tests.short_trials import COARSE
 
-from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError
+from sprintlab.core.errors import PolicyFileError, SimulationError
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import (
     ProtocolSettings,
@@ -174,12 +174,6 @@ def test_an_error_in_a_worker_arrives_as_it_was(make_policy, robot, two_workers)
         pytest.raises(SimulationError, match="seed 0"),
     ):
         run_speed(pool, 0.5, self_paced=False, settings=SHORT)
-
-
-@pytest.mark.parametrize("values", [{"required": 11}, {"start": 3.0, "top": 2.0}])
-def test_impossible_settings_are_refused(values):
-    with pytest.raises(InvalidValueError):
-        ProtocolSettings(**values)
 
 
 def test_who_is_interrupted_does_not_wait_for_what_runs():

@@ -12,7 +12,6 @@ from PIL import Image
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
-from sprintlab.evaluation.protocol import ProtocolSettings, battery_request
 from sprintlab.evaluation.race_files import save_trajectory
 from sprintlab.evaluation.report_text import audit_verdict, battery_text, result_rows
 from sprintlab.evaluation.results import (
@@ -23,8 +22,6 @@ from sprintlab.evaluation.results import (
     SprintResult,
     require_finite,
 )
-from sprintlab.motors import WindingHeat
-from sprintlab.plant import NOMINAL_TRIAL, PlantOptions
 
 
 @pytest.fixture
@@ -179,14 +176,6 @@ def test_the_battery_row_says_speed_voltage_and_windings(race, make_trial):
     assert rows_by_name(raced)[name].raw == battery_text(trial) == "9.50 (down to 47.2 V, up to 88 °C)"
     numbers = raced.to_dict()["battery"]
     assert (numbers["held_speed_m_s"], numbers["lowest_bus_voltage_V"]) == (9.5, 47.25)
-
-
-def test_the_battery_trial_is_the_nominal_raw_one_and_goes_where_all_are_supplied():
-    request = battery_request(9.0, ProtocolSettings(hold=3.0))
-    assert (request.top_speed, request.hold, request.self_paced) == (9.0, 3.0, False)
-    assert request.plant.battery == "robot" and request.plant.heat == WindingHeat()
-    assert request.settings == NOMINAL_TRIAL
-    assert battery_request(9.0, ProtocolSettings(plant=PlantOptions(heat=WindingHeat()))) is None
 
 
 def test_a_race_of_which_nothing_is_known_has_no_nan_in_its_report(race, robot, make_trial):

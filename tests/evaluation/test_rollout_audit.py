@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import sprintlab as sl
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.evaluation.rollout_audit import audit_rollout, joint_envelope, rollout_figure
+from sprintlab.evaluation.rollout_audit import audit_rollout, joint_envelope
 from sprintlab.evaluation.rollouts import Rollout, load_rollout
 from sprintlab.motors import library_motors, load_library_motor, no_load_speed
 from sprintlab.robots import JointMotors, match_joints, robot_motors
@@ -123,14 +123,6 @@ def test_every_order_of_joints_gives_the_same_verdict_per_joint(order, names):
     assert verdict.impossible == pytest.approx(expected.impossible)
 
 
-def test_hips_alone_may_be_of_either_convention():
-    joints = robot_motors("go1").names
-    assert match_joints(["RR_calf_joint", "FL_thigh_joint"], joints) == [11, 1]
-    assert match_joints(["FL_hip"], joints) == [1]  # the robot's own name
-    with pytest.raises(InvalidValueError, match="abduction or a flexion"):
-        match_joints(["FL_hip_joint"], joints)
-
-
 def saved(path, rollout, **changes):
     """The rollout as NPZ; ``None`` leaves an array out."""
     fields = ("time", "joint_velocity", "joint_torque", "joint_names", "base_velocity", "foot_contact",
@@ -211,11 +203,6 @@ def test_the_command_answers_and_draws(rollout, tmp_path, capsys):
     assert "The policy asks for impossible torque" in capsys.readouterr().out
 
 
-def test_the_picture_has_one_panel_per_joint(rollout):
-    figure = rollout_figure(rollout, MOTORS)
-    assert [axis.get_title("left") for axis in figure.axes] == ["hip", "knee"]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -245,3 +232,10 @@ def test_slip_is_that_of_each_whole_stance():
     )
     verdict = audit_rollout(rollout, MOTORS)
     assert (verdict.slip, verdict.stance) == pytest.approx(((2 + 4 + 5 + 6) / 2, 2.0))
+
+
+def test_hips_alone_may_be_of_either_convention():
+    joints = robot_motors("go1").names
+    assert match_joints(["RR_calf_joint", "FL_thigh_joint"], joints) == [11, 1]
+    with pytest.raises(InvalidValueError, match="abduction or a flexion"):
+        match_joints(["FL_hip_joint"], joints)

@@ -13,11 +13,9 @@ from sprintlab.evaluation.report import render_report
 from sprintlab.evaluation.report_text import engine_fault, engine_table
 from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult
 from sprintlab.evaluation.second_engine import (
-    engine_requests,
     mark,
     stored_remark,
 )
-from sprintlab.plant import DRAKE_TIMESTEP
 
 SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=COARSE)
 
@@ -48,15 +46,6 @@ def test_the_second_engine_marks_what_it_holds_less_or_drops_more_often(make_run
     first, second = make_run("mujoco"), make_run("drake", held, falls)
     assert mark(first.raw, second.raw) == words
     assert mark(second.raw, second.raw) == ""
-
-
-def test_the_second_engine_runs_what_the_first_ran():
-    pytest.importorskip("pydrake", reason="needs drake: pip install 'sprintlab[drake]'")
-    sprint, *trials = engine_requests(9.0, 50.0, ProtocolSettings(trials=3, required=3, hold=2.0), "drake")
-    assert sprint.distance == 50.0 and sprint.top_speed == 9.0
-    expected = ProtocolSettings(trials=3, required=3, hold=2.0).requests(9.0, False)
-    assert [trial.settings for trial in trials] == [trial.settings for trial in expected]
-    assert all(trial.plant.engine == "drake" and trial.plant.timestep == DRAKE_TIMESTEP for trial in trials)
 
 
 @pytest.mark.usefixtures("brief_trials")

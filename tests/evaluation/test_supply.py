@@ -2,20 +2,16 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from tests.short_trials import COARSE
 
 from sprintlab.control import load_policy
-from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.motors import (
     Battery,
     I2tLimit,
     WindingHeat,
-    copper_loss,
     open_circuit_voltage,
-    resistance_factor,
 )
 
 
@@ -41,13 +37,3 @@ def test_voltage_loss_temperature_and_i2t_are_recorded(supplied):
     source = float(open_circuit_voltage(Battery(), 0.6))
     assert 0.9 * source < supplied.metrics.lowest_bus_voltage < source
     assert 80.0 < trajectory.winding_temperature.min() < supplied.metrics.hottest_winding < 95.0
-
-
-def test_powers_are_those_of_the_warm_windings(supplied, robot):
-    trajectory = supplied.trajectory
-    standing = trajectory.time < 0.4  # what motors do at a sample they do between samples, too
-    cold = copper_loss(robot.motors, trajectory.motor_torque)[standing][100:]
-    warmer = copper_losses(trajectory, robot)[standing][100:] / np.maximum(cold, 1e-9)
-    loaded = cold > 0.1
-    expected = resistance_factor(WindingHeat(), 90.0)  # and a little for the weaker magnets
-    assert np.median(warmer[loaded]) == pytest.approx(expected / 0.964**2, rel=0.02)

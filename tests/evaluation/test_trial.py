@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sprintlab.control import load_policy
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation import trial as trial_module
 from sprintlab.evaluation.report_text import sprint_text
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
@@ -41,14 +40,6 @@ def test_the_same_seed_gives_the_same_run_and_another_seed_another(stander, robo
     assert (first != last(2)).any()
 
 
-@pytest.mark.usefixtures("short_trials")
-def test_self_paced_never_leads_by_more_than_one(stander, robot):
-    request = TrialRequest(top_speed=4.0, hold=0.5, self_paced=True, keep_trajectory=True)
-    trajectory = run_trial(stander, robot, request).trajectory
-    assert trajectory.profile_speed.max() == 4.0
-    assert 0.9 < trajectory.command[:, 0].max() < 1.1
-
-
 def test_legs_pulled_up_are_a_fall_with_time_and_reason(make_policy, robot):
     policy = load_policy(make_policy(np.tile([0.0, 3.0, -5.0], 4)))
     result = run_trial(policy, robot, TrialRequest(**SHORT))
@@ -74,23 +65,6 @@ def test_a_sprint_counts_from_the_first_command_to_the_distance(stander, robot, 
     trajectory = sprint.trial.trajectory
     assert trajectory.profile_speed.max() == 2.0 and trajectory.profile_speed[-1] == 0.0
     assert trajectory.time[-1] > 1.0 + sprint.time + 0.5 + 1.9
-
-
-@pytest.mark.parametrize("values", [{"top_speed": 0.0}, {"top_speed": 1.0, "distance": -1.0}])
-def test_impossible_requests_are_refused(values):
-    with pytest.raises(InvalidValueError):
-        TrialRequest(**values)
-
-
-def test_feet_bear_the_robot_and_gears_the_motors_torques_while_it_stands(stander, robot):
-    settings = TrialSettings(payload=2.0)
-    trajectory = run_trial(stander, robot, TrialRequest(**SHORT, settings=settings)).trajectory
-    late = trajectory.time > trajectory.time[-1] - 0.5
-    borne = trajectory.foot_force[late].sum(axis=1).mean()
-    assert borne == pytest.approx((robot.total_mass + 2.0) * 9.81, rel=0.01)
-    np.testing.assert_allclose(
-        trajectory.gear_torque[late].mean(axis=0), trajectory.joint_torque[late].mean(axis=0), atol=0.2
-    )
 
 
 def test_a_gear_passes_on_what_is_left_after_turning_the_rotor(make_policy, robot):

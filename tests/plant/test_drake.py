@@ -97,32 +97,6 @@ def test_reflected_inertia(robot: RobotDescription) -> None:
         assert velocity / 1e-5 == pytest.approx(data.qacc, abs=0.01 * np.abs(data.qacc).max())
 
 
-@pytest.mark.parametrize("friction", [False, True], ids=["free", "with friction"])
-def test_pendulum_of_every_joint(robot: RobotDescription, friction: bool) -> None:
-    """Each joint alone swings alike, without any friction and with its viscous and dry friction.
-
-    The legs' joints of one kind swing side by side: on a trunk that is held, none feels another.
-    """
-    for kind in ("abad", "hip", "knee"):
-        names = [name for name in robot.joint_names if name.endswith(kind)]
-        model = hung_robot(robot, names, dry_friction=friction, joint_limits=False)
-        assert model.nq == len(robot.leg_names)
-        if not friction:
-            model.dof_damping[:] = 0.0
-        expected, shown = courses(model, robot, np.ones(model.nq), 1000)
-        # Of the 1 rad at the start: a light shank hardly moves against its knee's dry friction.
-        swing = 1.0 if friction else np.ptp(expected, axis=0)
-        assert (np.abs(shown - expected).max(axis=0) < 0.01 * swing).all(), kind
-
-
-def test_springs_swing_alike(robot: RobotDescription) -> None:
-    """A shank on its damped spring alone, some 40 Hz: in steps short enough for it."""
-    for name in robot.spring_joint_names:
-        model = hung_robot(robot, [name], joint_limits=False)
-        expected, shown = courses(model, robot, np.array([0.2]), 800, 1e-4)
-        assert np.abs(shown - expected).max() < 0.01 * np.ptp(expected), name
-
-
 def test_drop_of_a_single_leg(robot: RobotDescription) -> None:
     """A limp leg falls from the side, with joint friction, spring and hard limits."""
     leg = robot.leg_names[0]

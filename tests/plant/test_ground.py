@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.deployment.simulator import SimulatorOptions
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.plant import Ground, Plant, PlantOptions, RoughGround, TrialSettings
-from sprintlab.plant.ground import FLAT_START
 
 ROUGH = Ground(roughness=0.02, seed=3)
 
@@ -42,14 +40,6 @@ def test_a_robot_in_the_air_falls_along_the_true_vertical(robot, slope):
     mujoco.mj_subtreeVel(plant.model, plant.data)
     down = 0.2 * 9.81 / math.hypot(1.0, slope) * np.array([-slope, 0.0, -1.0])
     np.testing.assert_allclose(plant.data.subtree_linvel[0], down, atol=0.005)
-
-
-def test_the_start_is_flat():
-    field = RoughGround(ROUGH)
-    x, y = np.meshgrid(np.linspace(-3.0, 0.99 * FLAT_START, 50), np.linspace(-7.0, 7.0, 50))
-    planes = [np.hstack(field.plane(*place)) for place in zip(x.flat, y.flat, strict=True)]
-    np.testing.assert_array_equal(planes, np.broadcast_to((0.0, 0.0, 0.0, 1.0), (len(planes), 4)))
-    assert field.plane(FLAT_START + 1.0, 0.05)[0] != 0.0 != field.plane(100.0, 3.0)[0]
 
 
 def test_the_height_is_that_of_the_simulated_field(robot):
@@ -100,8 +90,3 @@ def test_who_runs_off_the_field_has_fallen(robot):
 def test_the_second_engine_knows_no_other_ground(ground):
     with pytest.raises(InvalidValueError, match=r"plant\.ground .*level and even"):
         PlantOptions(engine="drake", ground=ground)
-
-
-def test_the_robot_behind_the_bus_knows_no_slope():
-    with pytest.raises(InvalidValueError, match="level ground only"):
-        SimulatorOptions(plant=PlantOptions(ground=Ground(slope=0.05)))

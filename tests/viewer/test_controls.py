@@ -150,11 +150,6 @@ def test_policy_and_motor_model_change_while_the_robot_runs(window, knobs):
     window.wait_for_function("document.querySelectorAll('svg.envelope .used').length === 3")
 
 
-def test_self_paced_box_turns_its_knob(window, knobs):
-    control(window, "Self-paced", "input[@type='checkbox']").click()
-    knobs(self_paced=True)
-
-
 def test_a_hard_push_throws_the_robot_down_and_it_stands_up_again(window, page, knobs):
     enter(window, "Push (N s)", 100)
     before = status(window, "falls")

@@ -259,20 +259,6 @@ def test_a_trajectory_of_another_robot_is_refused(recorded, robot, name, columns
         render_replay(other, robot, ReplayText(title="x"))
 
 
-def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, capsys):
-    out = tmp_path / "ghosts.html"
-    arguments = [
-        "replay",
-        str(trajectory_file),
-        str(trajectory_file),
-        "--world-record",
-        "--names",
-        "one",
-        "two",
-    ]
-    assert main([*arguments, "--output", str(out), "--json"]) == 0
-    page = out.read_text(encoding="utf-8")
-    assert "one against two against the world record" in page
-    assert json.loads(capsys.readouterr().out)["bytes"] < 1_500_000
-    assert main(["replay", str(trajectory_file), "--names", "one", "two"]) == 2
-    assert "one name for each of 1 runs" in capsys.readouterr().err
+def test_one_name_is_needed_for_each_run(trajectory_file):
+    with pytest.raises(SprintlabError, match="one name for each of 1 runs"):
+        sl.replay([trajectory_file], names=["one", "two"])
