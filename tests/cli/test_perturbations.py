@@ -7,7 +7,8 @@ import pytest
 from tests.short_trials import shorten_trials
 
 from sprintlab.api import perturbations
-from sprintlab.evaluation.ground import GroundResult, GroundTrials
+from sprintlab.evaluation.ground import ground_numbers
+from sprintlab.evaluation.sweep import Run
 from sprintlab.evaluation.turning import TurningSettings
 
 
@@ -43,12 +44,13 @@ def test_a_lap_leaves_its_recording_or_at_least_its_numbers(call, policy, tmp_pa
 
 def test_one_line_a_ground(call, policy, monkeypatch):
     def measured(pool, settings, progress):
-        speeds = {"level": 10.0, "uphill": 8.0, "downhill": 10.4, "rough": float("nan")}
-        grounds = [
-            GroundTrials(name=name, trials=2, held_speed=speed, falls=() if speed == speed else ("tilt",) * 2)
-            for name, speed in speeds.items()
-        ]
-        return GroundResult(settings=settings, grounds=tuple(grounds))
+        speeds = {"level": 10.0, "uphill": 8.0, "downhill": 10.4, "rough": None}
+        runs = [
+            Run(group=name, seed=seed, fall_reason="" if speed else "tilt", fall_time_s=None,
+                held_speed_m_s=speed, distance_m=0.0)
+            for name, speed in speeds.items() for seed in range(2)
+        ]  # fmt: skip
+        return ground_numbers(settings, runs)
 
     monkeypatch.setattr(perturbations, "compare_grounds", measured)
     words = ("ground", policy, "--trials", 2, "--slope", 0.1, "--workers", 1)

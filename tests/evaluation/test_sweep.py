@@ -1,7 +1,6 @@
 """Robustness, ground and turning: what is run, how it is kept, and what it amounts to."""
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.theme import png_bytes
-from sprintlab.evaluation.ground import GroundResult, GroundSettings, GroundTrials, compare_grounds
+from sprintlab.evaluation.ground import GroundSettings, compare_grounds, ground_numbers
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.robustness import (
@@ -24,13 +23,7 @@ from sprintlab.evaluation.robustness import (
 )
 from sprintlab.evaluation.sweep import Run, achieved
 from sprintlab.evaluation.sweep_figures import robustness_figure, turning_figure
-from sprintlab.evaluation.turning import (
-    Turn,
-    TurningMap,
-    TurningPoint,
-    TurningSettings,
-    turning_rows,
-)
+from sprintlab.evaluation.turning import Turn, TurningSettings, turning_numbers, turning_rows
 from sprintlab.plant import BaseState
 
 DRAWN = {"top_speed": 2.0, "bus_voltage": 60.0}
@@ -162,12 +155,14 @@ def test_wilson_interval_is_the_published_one(successes, trials, lower, upper):
 KINDS = ("level", "uphill", "downhill", "rough")
 
 
-def grounds(*speeds, falls=()):
-    found = [
-        GroundTrials(name=name, trials=3, held_speed=speed, falls=falls)
-        for name, speed in zip(KINDS, speeds, strict=True)
+def grounds(*speeds):
+    """Numbers of three runs on each ground; None falls."""
+    runs = [
+        run(kind, seed, speed, fell="tilt" if speed is None else "")
+        for kind, speed in zip(KINDS, speeds, strict=True)
+        for seed in range(3)
     ]
-    return GroundResult(settings=GroundSettings(top_speed=10.0), grounds=tuple(found))
+    return ground_numbers(GroundSettings(top_speed=10.0), runs)["grounds"]
 
 
 def test_every_ground_gets_the_protocols_trials_and_rough_ground_heights_of_its_own():
@@ -183,14 +178,12 @@ def test_every_ground_gets_the_protocols_trials_and_rough_ground_heights_of_its_
 
 def test_a_ground_is_met_when_all_stay_upright_and_little_speed_is_lost():
     found = grounds(10.0, 8.6, 10.5, 8.4)
-    assert [found.met(ground) for ground in found.grounds] == [True, True, True, False]
-    assert found.change(found.grounds[1]) == pytest.approx(-0.14)
-    fell = grounds(10.0, math.nan, 10.0, 10.0, falls=("tilt",) * 3)
-    assert not any(fell.met(ground) for ground in fell.grounds)
-    row = fell.to_dict()["grounds"][1]
-    assert row["held_speed_m_s"] is row["change"] is None and row["upright"] == 0
-    standing = grounds(0.01, 0.02, 0.0, 0.0)
-    assert math.isnan(standing.change(standing.grounds[1]))
+    assert [ground["met"] for ground in found] == [True, True, True, False]
+    assert found[1]["change"] == pytest.approx(-0.14)
+    fell = grounds(10.0, None, 10.0, 10.0)
+    assert [ground["met"] for ground in fell] == [True, False, True, True]
+    assert fell[1]["held_speed_m_s"] is fell[1]["change"] is None and fell[1]["upright"] == 0
+    assert grounds(0.01, 0.02, 0.0, 0.0)[1]["change"] is None
 
 
 @pytest.mark.usefixtures("brief_trials")
@@ -199,25 +192,24 @@ def test_a_policy_that_stands_stays_upright_everywhere(pool):
     settings = GroundSettings(top_speed=0.5, trials=1, hold=0.5)
     found = compare_grounds(pool, settings, lambda *now: told.append(now))
     assert told == [(kind, done, 4) for done, kind in enumerate(KINDS, start=1)]
-    assert [ground.upright for ground in found.grounds] == [1, 1, 1, 1]
-    assert all(abs(ground.held_speed) < 0.05 for ground in found.grounds)
+    assert [ground["upright"] for ground in found["grounds"]] == [1, 1, 1, 1]
+    assert all(abs(ground["held_speed_m_s"]) < 0.05 for ground in found["grounds"])
 
 
 # --- turning -----------------------------------------------------------------------------------------------
 
 
 def turned(settings, *outcomes):
-    """A map whose turns reach these gains, or fell."""
-    points = [
-        TurningPoint(
-            turn=turn,
-            run=run("", 0, turn.forward, fell="tilt")
+    """Numbers of turns that reach these gains, or fell."""
+    return turning_numbers(
+        settings,
+        [
+            run("", 0, turn.forward, fell="tilt")
             if gain is None
-            else run("", 0, turn.forward, yaw_rate_rad_s=gain * turn.yaw_rate),
-        )
-        for turn, gain in zip(settings.turns(), outcomes, strict=True)
-    ]
-    return TurningMap(settings=settings, points=tuple(points))
+            else run("", 0, turn.forward, yaw_rate_rad_s=gain * turn.yaw_rate)
+            for turn, gain in zip(settings.turns(), outcomes, strict=True)
+        ],
+    )
 
 
 def test_commands_reach_the_friction_hyperbola_and_no_further():
@@ -245,12 +237,14 @@ def test_the_achieved_rate_is_that_of_the_last_two_seconds(make_trajectory):
 
 
 def test_only_moderate_turns_make_the_least_gain_and_a_fall_makes_it_undefined():
-    settings = TurningSettings(speeds=(8.0,), fractions=(0.5, 1.0))
+    settings, least = (
+        TurningSettings(speeds=(8.0,), fractions=(0.5, 1.0)),
+        "least_gain_up_to_half_of_friction",
+    )
     found, fell = turned(settings, 0.9, 0.1), turned(settings, None, 1.0)
-    assert found.least_gain == pytest.approx(0.9) and found.falls == 0
-    assert turning_rows(found)[0][2:] == ("90 %", "10 %")
-    assert math.isnan(fell.least_gain) and fell.falls == 1
-    assert fell.to_dict()["least_gain_up_to_half_of_friction"] is None
-    assert turning_rows(fell)[0][2] == "fell"
-    (axis,) = turning_figure(fell).axes
+    assert found[least] == pytest.approx(0.9) and found["falls"] == 0
+    assert turning_rows(settings, found)[0][2:] == ("90 %", "10 %")
+    assert fell[least] is None and fell["falls"] == 1
+    assert turning_rows(settings, fell)[0][2] == "fell"
+    (axis,) = turning_figure(settings, fell).axes
     assert "m/s" in axis.get_xlabel() and "rad/s" in axis.get_ylabel()

@@ -44,16 +44,17 @@ def turning(
     with trial_pool(policy, robot, workers) as pool:
         found = turning_map(pool, settings, _counted(progress, "turning at {}"))
     columns = ("speed [m/s]", "largest [rad/s]", *(f"{100 * share:+.0f} %" for share in settings.fractions))
-    title, least = f"Turning of {name}: achieved over commanded yaw rate", found.least_gain
+    title = f"Turning of {name}: achieved over commanded yaw rate"
+    least = found["least_gain_up_to_half_of_friction"]
+    worst = "undefined, since one fell" if least is None else f"{100 * least:.0f} %"
     shown = [
-        table(title, *columns, numbers=columns, rows=turning_rows(found)),
+        table(title, *columns, numbers=columns, rows=turning_rows(settings, found)),
         "Columns: shares of the largest yaw rate that friction allows (at most 1 rad/s), left positive.",
-        f"Worst turn with |v w| up to half of mu g: "
-        f"{f'{100 * least:.0f} %' if least == least else 'undefined, since one fell'}. Falls: {found.falls}.",
+        f"Worst turn with |v w| up to half of mu g: {worst}. Falls: {found['falls']}.",
         *plant.remarks,
     ]
-    numbers = {"policy": name, **found.to_dict(), "notes": plant.remarks}
-    draw = drawn("evaluation.sweep_figures.turning_figure", found)
+    numbers = {"policy": name, **found, "notes": plant.remarks}
+    draw = drawn("evaluation.sweep_figures.turning_figure", settings, found)
     return Drawn(numbers=numbers, shown=shown, found=found, draw=draw)
 
 
@@ -135,7 +136,7 @@ def ground(
     )
     with trial_pool(policy, robot, workers) as pool:
         found = compare_grounds(pool, settings, _counted(progress, "on {} ground"))
-    numbers = {"policy": name, **found.to_dict(), "notes": plant.remarks}
+    numbers = {"policy": name, **found, "notes": plant.remarks}
     shown = [quantities("Slopes and rough ground", numbers), records("", numbers["grounds"]), *plant.remarks]
     return Result(numbers=numbers, shown=shown, found=found)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.sweep import Case, Progress, held_speeds, mean, of_group, run_cases
+from sprintlab.evaluation.sweep import Case, Progress, Run, held_speeds, mean, of_group, run_cases
 from sprintlab.plant import Ground, PlantOptions
 
 LARGEST_LOSS = 0.15
@@ -58,71 +59,42 @@ class GroundSettings:
         ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroundTrials:
-    """The trials on one kind of ground."""
-
-    name: str  # "level", "uphill", "downhill" or "rough"
-    trials: int  # how many ran
-    held_speed: float  # along the ground, mean of the upright [m/s]; nan where all fell
-    falls: tuple[str, ...] = ()  # the reason of each fall
-
-    @property
-    def upright(self) -> int:
-        """How many did not fall."""
-        return self.trials - len(self.falls)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroundResult:
-    """All trials of one policy; level ground is the first of ``grounds``."""
-
-    settings: GroundSettings
-    grounds: tuple[GroundTrials, ...]
-
-    def change(self, found: GroundTrials) -> float:
-        """Held speed against that on level ground, as a share; ``nan`` where no robot runs there."""
-        level = self.grounds[0].held_speed
-        return found.held_speed / level - 1.0 if level > _STANDS else math.nan
-
-    def met(self, found: GroundTrials) -> bool:
-        """Whether every trial stayed upright and the loss is within its limit."""
-        return not found.falls and self.change(found) >= -LARGEST_LOSS
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready numbers; what is not defined becomes null."""
-        rows = [
-            {
-                "ground": found.name,
-                "trials": found.trials,
-                "upright": found.upright,
-                "fall_reasons": found.falls,
-                "held_speed_m_s": found.held_speed,
-                "change": self.change(found),
-                "met": self.met(found),
-            }
-            for found in self.grounds
-        ]
-        return json_ready(
-            {
-                "top_speed_command_m_s": self.settings.top_speed,
-                "slope": self.settings.slope,
-                "roughness_m": self.settings.roughness,
-                "largest_loss": LARGEST_LOSS,
-                "grounds": rows,
-            }
-        )
-
-
 def compare_grounds(
     pool: TrialPool, settings: GroundSettings, progress: Progress = lambda *_: None
-) -> GroundResult:
-    """Run every trial; errors as in ``run_cases``."""
-    cases = settings.cases()
-    runs, found = run_cases(pool, cases, progress), list[GroundTrials]()
-    for name in dict.fromkeys(case.group for case in cases):
+) -> dict[str, Any]:
+    """Run every trial, and give ``ground_numbers``; errors as in ``run_cases``."""
+    return ground_numbers(settings, run_cases(pool, settings.cases(), progress))
+
+
+def ground_numbers(settings: GroundSettings, runs: Sequence[Run]) -> dict[str, Any]:
+    """JSON-ready numbers of each ground, level ground first; speeds are means of the upright runs.
+
+    ``change`` is the held speed over that on level ground, minus one; null where no robot runs there.
+    ``met``: every trial stayed upright and the loss is within ``LARGEST_LOSS``.
+    """
+    level, rows = mean(held_speeds(of_group(runs, runs[0].group))), list[dict[str, Any]]()
+    for name in dict.fromkeys(run.group for run in runs):
         here = of_group(runs, name)
-        falls = tuple(run.fall_reason for run in here if not run.upright)
+        falls = [run.fall_reason for run in here if not run.upright]
         held = mean(held_speeds(here))
-        found.append(GroundTrials(name=name, trials=len(here), held_speed=held, falls=falls))
-    return GroundResult(settings=settings, grounds=tuple(found))
+        change = held / level - 1.0 if level > _STANDS else math.nan
+        rows.append(
+            {
+                "ground": name,
+                "trials": len(here),
+                "upright": len(here) - len(falls),
+                "fall_reasons": falls,
+                "held_speed_m_s": held,
+                "change": change,
+                "met": not falls and change >= -LARGEST_LOSS,
+            }
+        )
+    return json_ready(
+        {
+            "top_speed_command_m_s": settings.top_speed,
+            "slope": settings.slope,
+            "roughness_m": settings.roughness,
+            "largest_loss": LARGEST_LOSS,
+            "grounds": rows,
+        }
+    )

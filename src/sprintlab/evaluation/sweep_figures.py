@@ -11,12 +11,20 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, Track
-from sprintlab.core.theme import LIGHT, as_written, axis_legend, figure_legend, set_title, themed_figure
+from sprintlab.core.theme import (
+    LIGHT,
+    as_written,
+    axis_legend,
+    figure_legend,
+    labelled,
+    set_title,
+    themed_figure,
+)
 from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.lap import LapResult
 from sprintlab.evaluation.robustness import ALL
 from sprintlab.evaluation.sweep import Run, held_speeds, of_group
-from sprintlab.evaluation.turning import TurningMap
+from sprintlab.evaluation.turning import TurningSettings
 
 
 def robustness_figure(summary: dict[str, Any], runs: Sequence[Run], title: str) -> Figure:
@@ -66,29 +74,26 @@ def _draw_causes(axis: Axes, summary: dict[str, Any]) -> None:
     set_title(axis, "What each cause costs by itself", LIGHT)
 
 
-def turning_figure(found: TurningMap) -> Figure:
+def turning_figure(settings: TurningSettings, numbers: dict[str, Any]) -> Figure:
     """Commanded turns as circles, achieved ones as dots joined to them; what friction allows is shaded."""
     figure, (axis,) = themed_figure(LIGHT, (7.0, 4.6), 1, 1)
-    speeds = found.settings.speeds
-    speed = np.linspace(min(0.0, *speeds), 1.05 * max(1.0, *map(abs, speeds)), 200)
-    bound = np.array([found.settings.largest_yaw_rate(value) for value in speed])
+    speed = np.linspace(min(0.0, *settings.speeds), 1.05 * max(1.0, *map(abs, settings.speeds)), 200)
+    bound = np.array([settings.largest_yaw_rate(value) for value in speed])
     axis.fill_between(speed, -bound, bound, color=LIGHT.shade, label="allowed by friction, at most 1 rad/s")
-    for point in found.points:
-        asked, run = (point.turn.forward, point.turn.yaw_rate), point.run
-        if not run.upright:
-            axis.plot(*asked, "x", color=LIGHT.on_limit, markersize=7)
-            continue
-        achieved = np.array([run.held_speed_m_s, run.yaw_rate_rad_s], dtype=float)
-        axis.plot(*np.array([asked, achieved]).T, color=LIGHT.muted, linewidth=0.8)
-        axis.plot(*achieved, "o", color=LIGHT.speed, markersize=4)
-    commands = np.array([(p.turn.forward, p.turn.yaw_rate) for p in found.points])
-    axis.plot(*commands.T, "o", mfc="none", color=LIGHT.command, markersize=7, label="commanded")
-    axis.plot([], [], "o", color=LIGHT.speed, markersize=4, label="achieved, mean over 2 s")
-    if found.falls:
-        axis.plot([], [], "x", color=LIGHT.on_limit, label="fell")
+    asked = np.array([(t["command_speed_m_s"], t["command_yaw_rate_rad_s"]) for t in numbers["turns"]])
+    achieved = np.array([(t["speed_m_s"], t["yaw_rate_rad_s"]) for t in numbers["turns"]], dtype=float)
+    fell = np.isnan(achieved).any(axis=1)
+    axis.plot(*np.stack((asked, achieved)).transpose(2, 0, 1), color=LIGHT.muted, linewidth=0.8)
+    for places, look, label in (
+        (asked, {"marker": "o", "mfc": "none", "color": LIGHT.command, "markersize": 7}, "commanded"),
+        (achieved, {"marker": "o", "color": LIGHT.speed, "markersize": 4}, "achieved, mean over 2 s"),
+        (asked[fell], {"marker": "x", "color": LIGHT.on_limit, "markersize": 7}, "fell"),
+    ):
+        if len(places):
+            axis.plot(*places.T, linestyle="", label=label, **look)
     axis.set(xlabel="forward speed [m/s]", ylabel="yaw rate [rad/s], left is positive")
     set_title(axis, "Turning: achieved and commanded", LIGHT)
-    figure_legend(figure, LIGHT, axis.get_legend_handles_labels()[0])
+    figure_legend(figure, LIGHT, labelled(axis))
     return figure
 
 

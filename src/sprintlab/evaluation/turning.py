@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from sprintlab.commands.state import GRAVITY
 from sprintlab.core.checks import check_positive, check_range
@@ -85,77 +88,52 @@ class Turn(Course):
         return self.yaw_rate if self._turning else 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurningPoint:
-    """One turn: what was asked for, and how it ended."""
-
-    turn: Turn
-    run: Run
-
-    @property
-    def gain(self) -> float:
-        """Achieved over commanded yaw rate; ``nan`` after a fall."""
-        rate = self.run.yaw_rate_rad_s
-        return math.nan if rate is None else rate / self.turn.yaw_rate
-
-
-@dataclass(frozen=True, kw_only=True)
-class TurningMap:
-    """All turns of one policy."""
-
-    settings: TurningSettings
-    points: tuple[TurningPoint, ...]
-
-    @property
-    def falls(self) -> int:
-        """Turns that ended in a fall."""
-        return sum(not point.run.upright for point in self.points)
-
-    @property
-    def least_gain(self) -> float:
-        """Worst gain of the turns with ``|v w|`` at most half of ``mu g``; ``nan`` where one fell."""
-        bound = 0.5 * self.settings.trial.friction * GRAVITY + 1e-9
-        gains = [p.gain for p in self.points if abs(p.turn.forward * p.turn.yaw_rate) <= bound]
-        return math.nan if any(map(math.isnan, gains)) else min(gains, default=math.nan)
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready numbers; what is not defined becomes null."""
-        rows = [
-            {
-                "command_speed_m_s": point.turn.forward,
-                "command_yaw_rate_rad_s": point.turn.yaw_rate,
-                "speed_m_s": point.run.held_speed_m_s if point.run.upright else None,
-                "yaw_rate_rad_s": point.run.yaw_rate_rad_s,
-                "gain": point.gain,
-                "fall_reason": point.run.fall_reason,
-            }
-            for point in self.points
-        ]
-        return json_ready(
-            {
-                "friction": self.settings.trial.friction,
-                "falls": self.falls,
-                "least_gain_up_to_half_of_friction": self.least_gain,
-                "turns": rows,
-            }
-        )
-
-
 def turning_map(
     pool: TrialPool, settings: TurningSettings, progress: Progress = lambda *_: None
-) -> TurningMap:
-    """Run every turn; errors as in ``run_cases``."""
-    turns = settings.turns()
-    runs = run_cases(pool, [settings.case(turn) for turn in turns], progress)
-    points = [TurningPoint(turn=turn, run=run) for turn, run in zip(turns, runs, strict=True)]
-    return TurningMap(settings=settings, points=tuple(points))
+) -> dict[str, Any]:
+    """Run every turn, and give ``turning_numbers``; errors as in ``run_cases``."""
+    cases = [settings.case(turn) for turn in settings.turns()]
+    return turning_numbers(settings, run_cases(pool, cases, progress))
 
 
-def turning_rows(found: TurningMap) -> list[tuple[str, ...]]:
+def turning_numbers(settings: TurningSettings, runs: Sequence[Run]) -> dict[str, Any]:
+    """JSON-ready numbers of each turn; a gain is the achieved over the commanded yaw rate.
+
+    The least gain is that of the turns with ``|v w|`` at most half of ``mu g``. What a fall leaves undefined
+    is null.
+    """
+    bound, gains, rows = 0.5 * settings.trial.friction * GRAVITY + 1e-9, list[float](), list[dict[str, Any]]()
+    for turn, run in zip(settings.turns(), runs, strict=True):
+        rate = run.yaw_rate_rad_s
+        gain = math.nan if rate is None else rate / turn.yaw_rate
+        gains += [gain] if abs(turn.forward * turn.yaw_rate) <= bound else []
+        rows.append(
+            {
+                "command_speed_m_s": turn.forward,
+                "command_yaw_rate_rad_s": turn.yaw_rate,
+                "speed_m_s": run.held_speed_m_s if run.upright else None,
+                "yaw_rate_rad_s": rate,
+                "gain": gain,
+                "fall_reason": run.fall_reason,
+            }
+        )
+    return json_ready(
+        {
+            "friction": settings.trial.friction,
+            "falls": sum(not run.upright for run in runs),
+            "least_gain_up_to_half_of_friction": math.nan
+            if np.isnan(gains).any()
+            else min(gains, default=math.nan),
+            "turns": rows,
+        }
+    )
+
+
+def turning_rows(settings: TurningSettings, numbers: dict[str, Any]) -> list[tuple[str, ...]]:
     """One row per speed: the gain of every fraction as text, ``fell`` where the robot fell."""
-    width, rows = len(found.settings.fractions), []
-    for index, speed in enumerate(found.settings.speeds):
-        points = found.points[index * width : (index + 1) * width]
-        cells = (f"{100 * point.gain:.0f} %" if point.run.upright else "fell" for point in points)
-        rows.append((f"{speed:g}", f"{found.settings.largest_yaw_rate(speed):.2f}", *cells))
-    return rows
+    cells = ["fell" if turn["fall_reason"] else f"{100 * turn['gain']:.0f} %" for turn in numbers["turns"]]
+    width = len(settings.fractions)
+    return [
+        (f"{speed:g}", f"{settings.largest_yaw_rate(speed):.2f}", *cells[index * width : (index + 1) * width])
+        for index, speed in enumerate(settings.speeds)
+    ]
