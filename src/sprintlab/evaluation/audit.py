@@ -36,7 +36,7 @@ class Check:
     """One line of the audit."""
 
     name: str
-    unit: str = ""  # of value and limit, empty for a ratio
+    unit: str = ""  # the one of value and limit, empty for a ratio
     value: Callable[[TrialMetrics, float], float]  # from a trial and the policy's rate [Hz]: its worst
     limit: float  # for a stance in policy periods
     note: str  # why it is asked

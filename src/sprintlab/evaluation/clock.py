@@ -28,7 +28,7 @@ class ClockTrials:
     completed: int  # how many did not fall and came to rest
     held_speed: float  # mean over those [m/s]
     stride_frequency: float  # median [Hz]
-    clock_distance: float  # of the stride from a whole number of policy steps, median [policy steps]
+    clock_distance: float  # from the stride to a whole number of policy steps, median [policy steps]
 
     @property
     def stride_steps(self) -> float:

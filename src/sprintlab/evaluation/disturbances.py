@@ -89,13 +89,13 @@ class Disturbances:
             targets: the policy's, ``(joints,)`` [rad].
             steps: motor steps of the period.
         """
-        fresh = targets - self._offset
+        shifted = targets - self._offset
         late = 0
         if self._held is not None and (late := min(self._delay, steps)):
             yield self._held, late
         if steps > late:
-            yield fresh, steps - late
-        self._held = fresh
+            yield shifted, steps - late
+        self._held = shifted
 
     def push(self, plant: Plant, steps: int) -> None:
         """Perhaps push the trunk, at the start of a policy period of ``steps`` motor steps."""

@@ -31,7 +31,7 @@ def estimate_bands(trajectory: Trajectory) -> tuple[EstimateBand, ...]:
     if trajectory.estimate is None:
         return ()
     rate = (len(trajectory.time) - 1) / max(float(trajectory.time[-1] - trajectory.time[0]), 1e-9)
-    # Estimates are renewed at the policy's rate; between two of them the truth moves on.
+    # Estimates are renewed at the policy's rate; between two of them the robot moves on.
     renewed = slice(None, None, max(1, round(rate / POLICY_RATE_HZ)))
     estimate = np.asarray(trajectory.estimate[renewed], dtype=float)
     velocity = body_velocity(trajectory.qpos[renewed, 3:7], trajectory.qvel[renewed, :3])

@@ -71,13 +71,13 @@ def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LI
     for sprint, name, colour, height in looks:
         motion = recorded(sprint.trial)
         start = int(np.argmax(np.abs(motion.profile_speed) > 1e-9))
-        way, speed = motion.qpos[start:, 0] - motion.qpos[0, 0], motion.velocity[start:, 0]
+        distance, speed = motion.qpos[start:, 0] - motion.qpos[0, 0], motion.velocity[start:, 0]
         ended = f"{sprint.distance:g} m in {sprint.time:.2f} s"
         if not sprint.finished:
             ended = f"stopped after {sprint.trial.metrics.distance:.0f} m"
-        axis.plot(way, speed, color=colour, label=f"{name}: {ended}")
-        for split in splits[splits <= way.max()].tolist():
-            moment = motion.time[start + int(np.argmax(way >= split))] - motion.time[start]
+        axis.plot(distance, speed, color=colour, label=f"{name}: {ended}")
+        for split in splits[splits <= distance.max()].tolist():
+            moment = motion.time[start + int(np.argmax(distance >= split))] - motion.time[start]
             place: Any = {"ha": "center", "transform": axis.get_xaxis_transform()}
             axis.text(split, height, f"{moment:.1f}", color=colour, fontsize=8, **place)
     axis.set(xlim=(0.0, raw.distance), ylim=(0.0, None), ylabel="forward speed [m/s]")

@@ -23,7 +23,7 @@ from sprintlab.robots import RobotDescription
 class LapResult:
     """One lap."""
 
-    distance: float  # of the lap on the measured line [m]
+    distance: float  # length of the lap on the measured line [m]
     time: float  # from the first non-zero command to the end of the lap [s]; nan when it was not reached
     outward: float  # farthest from the measured line, away from the kerb [m]
     inward: float  # farthest from the measured line, towards the kerb [m]
@@ -71,14 +71,14 @@ class LapCourse(SprintCourse):
         profile = SprintProfile(top_speed=top_speed)
         super().__init__(profile, track.length, rest=profile.stand, slowest_share=0.5)
         self.track = track
-        self._last, self._way = 0.0, 0.0
+        self._last, self._run = 0.0, 0.0
 
-    def way(self, base: BaseState) -> float:
+    def run_distance(self, base: BaseState) -> float:
         """Along the track [m]; it goes on counting over the start line."""
         now, length = self.track.locate(base.distance, base.lateral_offset).progress, self.track.length
-        self._way += (now - self._last + 0.5 * length) % length - 0.5 * length
+        self._run += (now - self._last + 0.5 * length) % length - 0.5 * length
         self._last = now
-        return self._way
+        return self._run
 
     def steer(self, base: BaseState, speed: float) -> float:
         """Yaw-rate command [rad/s] along the track."""

@@ -29,7 +29,6 @@ _LONGEST_BOUNCE = 0.02  # a foot that is off the ground for less is still in the
 _STRIDE_PERIODS = (0.05, 1.0)  # [s]
 _SMALLEST_SWING = 0.02  # standard deviation of the joint that moves most [rad]
 _LEAST_CORRELATION = 0.5  # less is no gait
-_FULL = 0.999  # of the I²t level at which only the continuous current is left
 _HEAT_STEP = 0.05  # in which a winding's temperature hardly changes [s]
 
 
@@ -84,7 +83,7 @@ def trial_metrics(
         **_stance_numbers(trajectory, window),
         **({} if finish is None else _line_numbers(trajectory, robot, finish)),
         estimate=estimate_bands(trajectory),
-        **_supply_extremes(trajectory, robot),
+        **_supply_extremes(trajectory),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
     )
 
@@ -248,13 +247,13 @@ def slip_per_step(trajectory: Trajectory) -> float:
     flight = round(_LONGEST_BOUNCE / step)
     active = moving(trajectory)
     slid = trajectory.foot_slip_speed * step
-    ways = [
+    distances = [
         slid[start:end, foot].sum()
         for foot in range(slid.shape[1])
         for start, end in stances(trajectory.foot_contact[:, foot], flight)
         if active[start] and end < len(slid)
     ]
-    return _mean(np.array(ways))
+    return _mean(np.array(distances))
 
 
 def stride_frequency(joint_position: FloatArray, step: float) -> float:
@@ -289,7 +288,7 @@ def stride_frequency(joint_position: FloatArray, step: float) -> float:
 
 
 def _autocorrelation(values: FloatArray) -> FloatArray:
-    """Of the columns of ``values`` ``(T, n)`` together, for lags up to half of T; 1 at lag 0."""
+    """Autocorrelation of all columns ``(T, n)`` together, for lags up to half of T; 1 at lag 0."""
     count = len(values)
     spectrum = np.abs(np.fft.rfft(values, 2 * count, axis=0)) ** 2
     lags = count // 2 + 1
@@ -321,26 +320,14 @@ def _parabola_peak(correlation: FloatArray, lag: int) -> float:
     return lag + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0)
 
 
-def _supply_extremes(trajectory: Trajectory, robot: RobotDescription) -> dict[str, Any]:
-    """Lowest voltage, hottest winding, highest I²t, and the joints whose I²t was full, first ones first."""
-    found: dict[str, Any] = {}
-    if (bus := trajectory.bus_voltage) is not None:
-        found |= {
-            "lowest_bus_voltage": float(bus.min()),
-            "lowest_bus_time": float(trajectory.time[bus.argmin()]),
-        }
-    if (winding := trajectory.winding_temperature) is not None:
-        found["hottest_winding"] = float(winding.max())
-    if (level := trajectory.i2t_level) is not None:
-        full = level >= _FULL
-        first = [
-            (name, float(trajectory.time[column.argmax()]))
-            for name, column in zip(robot.joint_names, full.T, strict=True)
-            if column.any()
-        ]
-        found["highest_i2t_level"] = float(level.max())
-        found["i2t_full"] = tuple(sorted(first, key=lambda item: item[1]))
-    return found
+def _supply_extremes(trajectory: Trajectory) -> dict[str, float]:
+    """Lowest voltage, hottest winding and highest I²t level, where they were recorded."""
+    extremes = (
+        ("lowest_bus_voltage", trajectory.bus_voltage, np.min),
+        ("hottest_winding", trajectory.winding_temperature, np.max),
+        ("highest_i2t_level", trajectory.i2t_level, np.max),
+    )
+    return {name: float(pick(values)) for name, values, pick in extremes if values is not None}
 
 
 def _load_share(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ class MotorSteps:
     """Rows of up to ``capacity`` motor steps of a trial.
 
     A power that is sampled in phase with the policy reads wrong: a joint is fastest in the middle between two
-    actions. So torques, ways and forces of every motor step are kept.
+    actions. So torques, distances and forces of every motor step are kept.
     """
 
     def __init__(self, plant: Plant, capacity: int) -> None:
@@ -63,11 +63,11 @@ class MotorSteps:
             return {}
         rows = {name: values[: self._marks[-1]] for name, values in self._rows.items()}
         robot, force = self._plant.robot, rows["force"] / self._substeps
-        way, change = (
+        moved, change = (
             np.diff(rows[name], axis=0, prepend=start[None])
             for name, start in zip(("position", "velocity"), self._start, strict=True)
         )
-        speed, acceleration = way / self._period, change / self._period  # of a whole motor step
+        speed, acceleration = moved / self._period, change / self._period  # means of a motor step
         copper = rows["loss"] if "loss" in rows else np.asarray(copper_loss(robot.motors, rows["motor"]))
         shaft = saturate(robot.motors, rows["motor"]) * speed * robot.gear.ratio
         return {

@@ -76,7 +76,7 @@ class WorkerProcesses:
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> Generator[R, None, None]:
         """Results in the order of the items, each as soon as it and those before it are there.
 
-        Who stops asking (``close`` of the iterator) drops what has not started.
+        Closing the iterator drops what has not started.
 
         Raises:
             SimulationError: a trial left the realm of finite numbers, or a worker process died.

@@ -21,7 +21,7 @@ from sprintlab.evaluation.results import (
     TrialResult,
 )
 from sprintlab.evaluation.second_engine import ENGINE_NAMES, ENGINE_STEPS, mark
-from sprintlab.evaluation.trial import STALL_TIME, STALL_WAY
+from sprintlab.evaluation.trial import STALL_DISTANCE, STALL_TIME
 from sprintlab.robots import RobotDescription
 
 LANE_MARK = "left its lane"
@@ -31,21 +31,20 @@ LANE_MARK = "left its lane"
 def sprint_text(sprint: SprintResult) -> str:
     """Time of a sprint with the mark of a lane that was left, or the reason that it did not finish."""
     if sprint.stalled:
-        way = sprint.trial.metrics.distance
-        return f"given up: less than {STALL_WAY:g} m in {STALL_TIME:g} s, {way:.1f} m from the start"
+        reached = sprint.trial.metrics.distance
+        return f"given up: less than {STALL_DISTANCE:g} m in {STALL_TIME:g} s, {reached:.1f} m from the start"
     if not sprint.finished:
         return "not finished"
     return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)
 
 
 def fall_text(trial: TrialResult) -> str:
-    """When and why a robot fell, which drives had fallen back by then, and the lowest bus voltage."""
+    """When and why a robot fell, whether a drive had fallen back by then, and the lowest bus voltage."""
     metrics, parts = trial.metrics, [f"fell at {trial.fall_time or 0.0:.1f} s ({trial.fall_reason})"]
-    if metrics.i2t_full:
-        full = ", ".join(f"{joint} at {moment:.1f} s" for joint, moment in metrics.i2t_full)
-        parts.append(f"I²t full: {full}")
-    if metrics.lowest_bus_voltage is not None and metrics.lowest_bus_time is not None:
-        parts.append(f"bus down to {metrics.lowest_bus_voltage:.1f} V at {metrics.lowest_bus_time:.1f} s")
+    if (metrics.highest_i2t_level or 0.0) > 0.999:
+        parts.append("I²t full")
+    if metrics.lowest_bus_voltage is not None:
+        parts.append(f"bus down to {metrics.lowest_bus_voltage:.1f} V")
     return "; ".join(parts)
 
 

@@ -161,10 +161,8 @@ class TrialMetrics:
     # 25 degC and the currents where heat is off
     estimate: tuple[EstimateBand, ...] = ()  # by speed; empty for a policy without an estimator
     lowest_bus_voltage: float | None = None  # [V]; None without battery, heat and flux weakening
-    lowest_bus_time: float | None = None  # when the bus was so low [s]
     hottest_winding: float | None = None  # [degC]; None without heat
-    highest_i2t_level: float | None = None  # of all joints [-]; None without a limit by I²t
-    i2t_full: tuple[tuple[str, float], ...] = ()  # joints that fell back to continuous current, and when [s]
+    highest_i2t_level: float | None = None  # highest of all joints [-]; None without a limit by I²t
 
     @property
     def command_share(self) -> float:
@@ -187,13 +185,13 @@ class AuditItem:
 
     name: str  # e.g. "gear torque"
     value: float  # median over the trials of each trial's worst
-    unit: str  # of value and threshold, empty for a ratio
+    unit: str  # the one of value and threshold, empty for a ratio
     threshold: float
     passed: bool
     note: str  # what was measured, and why it is asked
     source: str = ""  # where the limit comes from
     bound: str = "at most"  # or "at least": from which side the limit bounds
-    worst: float = math.nan  # of the worst trial, which may miss the limit a little: see audit_trials
+    worst: float = math.nan  # the worst trial's, which may miss the limit a little: see audit_trials
     detail: str = ""  # what the worst trial did, in words
 
 
@@ -382,8 +380,8 @@ class RaceResult:
     sprint_self_paced: SprintResult
     raw: SpeedResult  # the seeded trials at top_speed, raw command
     self_paced: SpeedResult
-    audit: AuditReport  # of every trial
-    mass: float  # of the robot [kg]
+    audit: AuditReport  # covers every trial
+    mass: float  # total mass of the robot [kg]
     wall_time: float  # how long the race took to compute [s]
     battery: TrialResult | None = None  # one raw trial on a battery and with warm windings; None where
     # every trial has both

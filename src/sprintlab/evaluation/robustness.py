@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from sprintlab.evaluation.trial import TrialRequest, check_sprint, check_top_spe
 from sprintlab.plant import JOINT_NOISE, PlantOptions, TrialSettings
 from sprintlab.robots import RESTITUTION_BAND, STIFFNESS_BAND, FootContact
 
-Interval = tuple[float, float]
-
 CAUSES = (
     "friction", "payload", "centre of mass", "strength", "bus voltage", "delay", "sensor noise",
     "joint offsets", "pushes", "foot",
@@ -31,36 +29,10 @@ ALL, NOMINAL = "all", "nominal"
 """Groups of sprints beside those of one cause: everything at once, nothing but the initial joint noise."""
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Of the held speed of the sprints that stayed upright."""
+"""Quantiles that are given of the held speed of the sprints that stayed upright."""
 
 _RECORD_RATE = 100.0  # enough for speeds and falls, and cheaper than the audit's 500 Hz [Hz]
 _NORMAL_95 = 1.959963984540054  # quantile of the normal distribution for a two-sided 95 %
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobustnessRanges:
-    """What is drawn from, evenly (the foot's stiffness: evenly in its logarithm).
-
-    Raises:
-        InvalidValueError: an interval is out of range.
-    """
-
-    friction: Interval = (0.5, 1.2)  # sliding friction of feet and ground
-    payload: Interval = (-1.0, 4.0)  # mass added to the trunk [kg]
-    center_of_mass: float = 0.03  # half-width of the trunk's shift along each axis [m]
-    strength: Interval = (0.9, 1.0)  # delivered over asked torque
-    bus_voltage: Interval = (0.9, 1.0)  # over the robot's nominal one: 54 to 60 V for BP2
-    delay: Interval = (0.0, 0.010)  # from reading to new targets [s]
-    sensor_noise: float = 1.0  # over that of training
-    joint_offset: float = 0.02  # half-width of the encoders' zero errors [rad]
-    push_speed: float = 0.5  # change of speed with each push, on average one in 3 s [m/s]
-    foot_stiffness: Interval = STIFFNESS_BAND  # of the pads [N/m]
-    foot_restitution: Interval = RESTITUTION_BAND  # of the pads
-
-    def __post_init__(self) -> None:
-        for name in ("friction", "strength", "bus_voltage", "foot_stiffness", "foot_restitution"):
-            check_range(f"robustness.{name}", np.asarray(getattr(self, name)), 1e-3, 1e7)
-        check_range("robustness.delay", np.asarray(self.delay), 0.0, 0.02, "s")
 
 
 def draw_request(
@@ -70,7 +42,6 @@ def draw_request(
     top_speed: float,
     bus_voltage: float,
     distance: float = 100.0,
-    ranges: RobustnessRanges | None = None,
     plant: PlantOptions | None = None,
 ) -> TrialRequest:
     """The sprint of a seed.
@@ -83,14 +54,13 @@ def draw_request(
         top_speed: v* [m/s].
         bus_voltage: nominal [V].
         distance: length of the sprint [m].
-        ranges: what is drawn from.
         plant: how the robot is simulated otherwise.
 
     Raises:
         InvalidValueError: there is no such group.
     """
     check_choice("group", group, (ALL, NOMINAL, *CAUSES))
-    drawn, plant = _draws(seed, ranges or RobustnessRanges(), bus_voltage), plant or PlantOptions()
+    drawn, plant = _draws(seed, bus_voltage), plant or PlantOptions()
     settings = TrialSettings(seed=seed, joint_noise=JOINT_NOISE)
     for cause in CAUSES if group == ALL else (group,):
         changes = drawn.get(cause, {})
@@ -101,23 +71,26 @@ def draw_request(
     return TrialRequest(top_speed=top_speed, distance=distance, settings=settings, plant=plant)
 
 
-def _draws(seed: int, ranges: RobustnessRanges, bus_voltage: float) -> dict[str, dict[str, Any]]:
-    """By cause: fields of ``TrialSettings``, of ``PlantOptions`` for feet and bus."""
+def _draws(seed: int, bus_voltage: float) -> dict[str, dict[str, Any]]:
+    """By cause: fields of ``TrialSettings``, of ``PlantOptions`` for feet and bus.
+
+    All evenly, but for the feet's stiffness: evenly in its logarithm.
+    """
     random, feet = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 6))
-    shift = random.uniform(-ranges.center_of_mass, ranges.center_of_mass, 3)
-    stiffness = float(np.exp(feet.uniform(*np.log(ranges.foot_stiffness))))
-    foot = FootContact(stiffness=stiffness, restitution=float(feet.uniform(*ranges.foot_restitution)))
+    shift = random.uniform(-0.03, 0.03, 3)  # shift of the trunk's centre of mass along each axis [m]
+    stiffness = float(np.exp(feet.uniform(*np.log(STIFFNESS_BAND))))
+    foot = FootContact(stiffness=stiffness, restitution=float(feet.uniform(*RESTITUTION_BAND)))
     return {
-        "friction": {"friction": float(random.uniform(*ranges.friction))},
-        "payload": {"payload": float(random.uniform(*ranges.payload))},
+        "friction": {"friction": float(random.uniform(0.5, 1.2))},
+        "payload": {"payload": float(random.uniform(-1.0, 4.0))},  # [kg]
         "centre of mass": {"center_of_mass": tuple(shift.tolist())},
-        "strength": {"strength": float(random.uniform(*ranges.strength))},
-        "delay": {"delay": float(random.uniform(*ranges.delay))},
-        "sensor noise": {"sensor_noise": ranges.sensor_noise},
-        "joint offsets": {"joint_offset": ranges.joint_offset},
-        "pushes": {"push_speed": ranges.push_speed},
+        "strength": {"strength": float(random.uniform(0.9, 1.0))},  # delivered over asked torque
+        "delay": {"delay": float(random.uniform(0.0, 0.010))},  # from reading to new targets [s]
+        "sensor noise": {"sensor_noise": 1.0},  # over that of training
+        "joint offsets": {"joint_offset": 0.02},  # half-width of the encoders' zero errors [rad]
+        "pushes": {"push_speed": 0.5},  # change of speed with each push, on average one in 3 s [m/s]
         "foot": {"foot": foot},
-        "bus voltage": {"bus_voltage": float(feet.uniform(*ranges.bus_voltage)) * bus_voltage},
+        "bus voltage": {"bus_voltage": float(feet.uniform(0.9, 1.0)) * bus_voltage},  # 54 to 60 V for BP2
     }
 
 
@@ -132,9 +105,8 @@ class StudySettings:
     top_speed: float  # v* of every sprint [m/s]
     trials: int = 1000  # sprints with everything randomized at once
     cause_trials: int = 20  # sprints of each cause alone, and of the nominal robot
-    distance: float = 100.0  # of each sprint [m]
-    seed: int = 0  # of the first sprint; the next one has the next seed
-    ranges: RobustnessRanges = field(default_factory=RobustnessRanges)
+    distance: float = 100.0  # length of each sprint [m]
+    seed: int = 0  # seed of the first sprint; the next one has the next seed
 
     def __post_init__(self) -> None:
         check_top_speed("robustness.top_speed", self.top_speed)
@@ -150,7 +122,6 @@ class StudySettings:
             "top_speed": self.top_speed,
             "bus_voltage": bus_voltage,
             "distance": self.distance,
-            "ranges": self.ranges,
             "plant": PlantOptions(record_rate=_RECORD_RATE),
         }
         return [
@@ -182,7 +153,6 @@ def run_study(
         "robot": pool.robot.name,
         "top_speed": settings.top_speed,
         "distance": settings.distance,
-        "ranges": json_ready(asdict(settings.ranges)),
     }
     claim_folder(folder, identity)
     cases = settings.cases(pool.robot.bus_voltage)

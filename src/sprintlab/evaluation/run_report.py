@@ -43,7 +43,7 @@ class TrackRun:
     trial: TrialResult  # its speed is straight between the fixes
     fix_time: FloatArray  # (F,) [s]
     fix_speed: FloatArray  # (F,) along the course [m/s]
-    fix_way: FloatArray  # (F,) along the course [m]
+    fix_distance: FloatArray  # (F,) along the course [m]
     command_time: FloatArray  # (P,) of the policy steps [s]
     command: FloatArray  # (P, 3) given to the policy
     distance: float  # to be timed [m]
@@ -52,7 +52,7 @@ class TrackRun:
     @property
     def time_over_distance(self) -> float:
         """From the first non-zero command to the distance, between the fixes straight [s]; nan if not run."""
-        finish = finish_time(self.fix_time, self.fix_way, self.distance)
+        finish = finish_time(self.fix_time, self.fix_distance, self.distance)
         return finish - command_start(self.command_time, self.command[:, 0])
 
 
@@ -96,20 +96,20 @@ def simulate_commands(
 
 def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
     """Command, measured speed and simulated speed over time; distance over time below."""
-    figure, (speed, way) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
+    figure, (speed, distance) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
     draw = figures.draw_curve
     draw(speed, run.command_time, run.command[:, 0], theme.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
         label = "simulation, 0.1 s mean"
         draw(speed, motion.time, _receiver_speed(motion), theme.second, linewidth=1.4, label=label)
-        draw(way, motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], theme.second, linewidth=1.4)
+        draw(distance, motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], theme.second, linewidth=1.4)
     look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linewidth": 0.9}
     draw(speed, run.fix_time, run.fix_speed, theme.speed, label="robot, position receiver", **look)
-    draw(way, run.fix_time, run.fix_way, theme.speed, **look)
-    way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
+    draw(distance, run.fix_time, run.fix_distance, theme.speed, **look)
+    distance.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
     speed.set(ylabel="forward speed [m/s]", xlim=(0.0, float(run.command_time[-1])))
-    way.set(ylabel="distance [m]", xlabel="time since the policy took over [s]")
+    distance.set(ylabel="distance [m]", xlabel="time since the policy took over [s]")
     legend_above(speed, theme)
     return figure
 

@@ -49,7 +49,7 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     """How one run of a sweep ended; what is not defined is None."""
 
     group: str  # under which it counts
-    seed: int  # of its draws
+    seed: int  # decides its draws
     fall_reason: str  # empty where it did not fall
     fall_time_s: float | None
     held_speed_m_s: float | None  # last 2 s of the hold, of a sprint before the line, of a turn at its end

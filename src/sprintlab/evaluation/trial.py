@@ -31,9 +31,9 @@ HIGHEST_SPEED = 50.0
 LONGEST_SPRINT = 3600.0
 """Longest time that a sprint may take; it is kept in memory [s]."""
 SLOWEST_SHARE = 0.25
-"""Who runs a sprint slower than this share of its command is given up."""
-STALL_TIME, STALL_WAY = 10.0, 1.0
-"""Who comes no farther than this distance [m] in this time [s] of a sprint is given up."""
+"""A sprint that is slower than this share of its command is given up."""
+STALL_TIME, STALL_DISTANCE = 10.0, 1.0
+"""A sprint is given up when the robot comes no farther than this distance [m] in this time [s]."""
 
 
 def check_top_speed(field: str, top_speed: float) -> None:
@@ -64,7 +64,7 @@ class TrialRequest:
     top_speed: float  # v* of the profile [m/s]
     settings: TrialSettings = NOMINAL_TRIAL
     self_paced: bool = False  # hold the command near the measured speed
-    distance: float | None = None  # of a sprint [m]; None runs the stand-rise-hold-fall-stand profile
+    distance: float | None = None  # length of a sprint [m]; None runs the stand-rise-hold-fall-stand profile
     hold: float = 10.0  # duration of the profile's hold [s]
     plant: PlantOptions = field(default_factory=PlantOptions)
     clock: PolicyClock = field(default_factory=PolicyClock)
@@ -114,7 +114,7 @@ class SprintCourse(Course):
         profile: the command's rise and fall.
         distance: to run [m].
         rest: the command stays zero for so long; its last second tells a stop [s].
-        slowest_share: who is slower than this share of the command is given up.
+        slowest_share: a robot slower than this share of the command is given up.
 
     Attributes:
         finish_time: when the distance was run [s].
@@ -136,7 +136,7 @@ class SprintCourse(Course):
 
     @property
     def latest_finish(self) -> float:
-        """Who has not run the distance by now has failed [s]."""
+        """A sprint that has not covered the distance by now has failed [s]."""
         profile, slowest = self.profile, self._slowest * self.profile.top_speed
         return profile.stand + profile.top_speed / profile.acceleration + self.distance / slowest
 
@@ -145,27 +145,27 @@ class SprintCourse(Course):
         """The run lasts no longer [s]."""
         return self.profile.end_time(self.latest_finish) + self._rest
 
-    def way(self, base: BaseState) -> float:
+    def run_distance(self, base: BaseState) -> float:
         """How much of the distance is run [m]; asked once in every policy step."""
         return base.distance
 
     def speed(self, time: float, base: BaseState) -> float | None:
         """Commanded speed [m/s]; ``None`` at the end."""
-        way, end = self.way(base), self.latest_finish
-        self.stalled = self.stalled or self._stands(time, way)
+        run, end = self.run_distance(base), self.latest_finish
+        self.stalled = self.stalled or self._stands(time, run)
         if self.stalled:
             return None
-        if self.finish_time is None and way >= self.distance:
+        if self.finish_time is None and run >= self.distance:
             self.finish_time = time
         if self.finish_time is not None:
             end = self.profile.end_time(self.finish_time) + self._rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
 
-    def _stands(self, time: float, way: float) -> bool:
+    def _stands(self, time: float, run: float) -> bool:
         """Whether the robot has got nowhere for too long."""
         since, reached = self._mark
-        if time <= self.profile.stand or way >= reached + STALL_WAY or self.finish_time is not None:
-            self._mark = time, way
+        if time <= self.profile.stand or run >= reached + STALL_DISTANCE or self.finish_time is not None:
+            self._mark = time, run
             return False
         return time - since > STALL_TIME
 

@@ -33,7 +33,7 @@ class TurningSettings:
     """
 
     speeds: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)  # commanded, forward [m/s]
-    fractions: tuple[float, ...] = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)  # of the largest yaw rate
+    fractions: tuple[float, ...] = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)  # shares of the largest yaw rate
     turn: float = 4.0  # duration of each turn [s]; the last 2 s of it are measured
     plant: PlantOptions = field(default_factory=PlantOptions)
     trial: TrialSettings = NOMINAL_TRIAL

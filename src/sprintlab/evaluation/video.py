@@ -104,7 +104,7 @@ def write_video(trajectory: dict[str, Array], model: Any, target: Path, finish: 
     clock = race_clock(time, trajectory["command"], finish)
     speed = np.maximum(moving_average(trajectory["velocity"][:, 0], time, _SPEED_WINDOW), 0.0)
     stop = min(int(np.searchsorted(time, finish)), len(time) - 1)
-    way = np.maximum(qpos[np.minimum(np.arange(len(time)), stop), 0] - qpos[0, 0], 0.0)
+    distance = np.maximum(qpos[np.minimum(np.arange(len(time)), stop), 0] - qpos[0, 0], 0.0)
     centre = [moving_average(place, time, _CAMERA_WINDOW) for place in qpos[:, :3].T]
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
     model.vis.quality.offsamples = 0  # smoothing edges is most of what a frame costs without a GPU
@@ -122,7 +122,7 @@ def write_video(trajectory: dict[str, Array], model: Any, target: Path, finish: 
             camera.lookat[:] = [place[sample] for place in centre]
             for _ in range(2):  # MuJoCo lays the endless floor round the camera of the update before
                 renderer.update_scene(data, camera)
-            told = f"{speed[sample]:4.1f} m/s    {way[sample]:5.1f} m    {clock[sample]:5.2f} s"
+            told = f"{speed[sample]:4.1f} m/s    {distance[sample]:5.1f} m    {clock[sample]:5.2f} s"
             writer.send(_labelled(renderer.render(), told))
     writer.close()
 

@@ -25,7 +25,7 @@ def open_plant(robot: RobotDescription, options: PlantOptions, settings: TrialSe
     if options.engine == "mujoco":
         return Plant(robot, options, settings)
     check_engine(options.engine)
-    from sprintlab.plant.drake.plant import DrakePlant
+    from sprintlab.plant.drake.engine import DrakePlant
 
     return DrakePlant(robot, options, settings)
 

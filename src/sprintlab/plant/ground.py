@@ -18,7 +18,7 @@ FLAT_START = 1.0
 
 _BEHIND, _AHEAD, _SIDE = 4.0, 252.0, 8.0  # reach of the field: the whole profile at 16 m/s [m]
 _EDGE = 0.8  # nearer to the field's edge a robot has left it: half a robot and its leg [m]
-_THICKNESS = 1.0  # of the field below its lowest point [m]
+_THICKNESS = 1.0  # thickness of the field below its lowest point [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Ground:
 
     slope: float = 0.0  # rise over run, uphill positive, -0.3 to 0.3: 0.05 is 5 %
     roughness: float = 0.0  # greatest height above and below the mean [m], to 0.1
-    seed: int = 0  # of the heights
+    seed: int = 0  # decides the heights
 
     def __post_init__(self) -> None:
         check_range("ground.slope", self.slope, -0.3, 0.3)

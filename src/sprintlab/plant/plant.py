@@ -68,12 +68,12 @@ class PlantOptions:
     ground: Ground = LEVEL  # the second engine has no other
     foot: FootContact = NOMINAL_FOOT  # stiffness and restitution of the feet
     drag_area: float | None = None  # times drag coefficient [m^2]; 0 on a treadmill, None: the robot's
-    contact_time_constant: float = 0.0005  # of every other contact and of joint limits [s], at least 2 steps
+    contact_time_constant: float = 0.0005  # every other contact and joint limits [s], at least 2 steps
     motor_model: MotorModel = "refined"
     bus_voltage: float | None = None  # [V]; None takes the robot's. A battery replaces it.
     battery: Battery | Literal["robot"] | None = None  # "robot" is the robot's own; None: a stiff bus
-    state_of_charge: float = 1.0  # of the battery at the start [-]
-    heat: WindingHeat | None = None  # of the windings; None: they stay as they are
+    state_of_charge: float = 1.0  # charge of the battery at the start [-]
+    heat: WindingHeat | None = None  # thermal model of the windings; None: they stay as they are
     winding_temperature: float = 25.0  # at the start, with ``heat`` [degC]
     i2t: I2tLimit | None = None  # how the drives cut overloads back; None: not at all
 
@@ -151,7 +151,7 @@ class BaseState:
     forward_speed: float  # in the heading frame [m/s]
     heading: float  # yaw angle [rad], in (-pi, pi]
     lateral_offset: float  # distance to the left of the line through the start along x [m]
-    distance: float  # way along x since the start [m]
+    distance: float  # distance along x since the start [m]
 
 
 class MotionRecorder(Protocol):

@@ -17,7 +17,7 @@ class TrialSettings:
         InvalidValueError: a field is outside its range.
     """
 
-    seed: int = 0  # of the initial joint noise, >= 0
+    seed: int = 0  # decides the initial joint noise, >= 0
     joint_noise: float = 0.0  # half-width of the uniform initial joint noise [rad], to 0.3
     friction: float = 0.85  # sliding friction of feet and floor, 0.1 to 2
     payload: float = 0.0  # mass added to the trunk [kg], -5 to 20

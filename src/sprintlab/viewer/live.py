@@ -108,7 +108,7 @@ class Snapshot:
     bus_power: float  # electrical power of all motors, mean over the last advance [W]
     joint_speed: FloatArray  # (n, joints) joint side [rad/s], samples of the last advance, oldest first
     motor_torque: FloatArray  # (n, joints) motor side [N m], same samples
-    distance: float  # way along x since the robot stood up [m]
+    distance: float  # distance along x since the robot stood up [m]
     falls: int  # how often it fell
     fall_reason: str  # why it lies on the ground; empty while it runs
 

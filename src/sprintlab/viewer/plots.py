@@ -130,7 +130,7 @@ def _step_above(value: float) -> float:
 
 
 def status_text(snapshot: Snapshot, speed: float, pace: float) -> str:
-    """Speed, command, power, way and pace; ``data-`` attributes for programs that read the page."""
+    """Speed, command, power, distance and pace; ``data-`` attributes for programs that read the page."""
     state = f'<span class="fell">fell: {snapshot.fall_reason}</span>' if snapshot.fall_reason else "running"
     cells = (
         (speed, 1, "m/s"),

@@ -265,7 +265,7 @@ function modelMeshes(gl, model) {
   });
 }
 
-// A runner of boxes for a pace that nobody recorded: joint [x, y, z], size, swing in radians.
+// A runner of boxes for a pace without a recording: joint [x, y, z], size, swing in radians.
 const FIGURE = [[[0, 0, 0.98], [0.22, 0.34, 0.62], 0, 0.62], [[0, 0, 1.72], [0.19, 0.17, 0.24], 0, 0.1],
   [[0, 0.09, 0.95], [0.13, 0.13, 0.95], 0.75, -0.95], [[0, -0.09, 0.95], [0.13, 0.13, 0.95], -0.75, -0.95],
   [[0, 0.23, 1.5], [0.09, 0.09, 0.6], -0.8, -0.6], [[0, -0.23, 1.5], [0.09, 0.09, 0.6], 0.8, -0.6]];
