@@ -53,29 +53,19 @@ class TermContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class ObservationContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Terms of a frame in order, and how frames are stacked.
-
-    Attributes:
-        terms: in the order of the frame.
-        history_length: frames in the network input.
-        history_order: ``"oldest-first"``.
-    """
+    """Terms of a frame in order, and how frames are stacked."""
 
     terms: tuple[TermContract, ...]
-    history_length: int
+    history_length: int  # frames in the network input
     history_order: str = HISTORY_ORDER
 
 
 class FilterContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Low-pass filters in front of the network.
+    """Low-pass filters in front of the network."""
 
-    Attributes:
-        proprioception_cutoff_hz: on angular velocity, gravity, joint position and velocity [Hz].
-        estimate_cutoff_hz: on the estimate inside the network [Hz]; ``None`` for a policy without one. The
-            network then has a second input, its own last estimate, which the runtime hands back.
-    """
-
-    proprioception_cutoff_hz: float
+    proprioception_cutoff_hz: float  # on angular velocity, gravity, joint position and velocity [Hz]
+    # on the estimate inside the network [Hz]; None for a policy without one. A network with one has a second
+    # input, its own last estimate, which the runtime hands back
     estimate_cutoff_hz: float | None = None
 
     def __post_init__(self) -> None:
@@ -116,29 +106,17 @@ class MotorTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the policy came to be: enough to make it again.
+    """How the policy came to be: enough to make it again."""
 
-    Attributes:
-        method: name of the training method.
-        actuator_model: motor model in training, one of ``sprintlab.motors.MOTOR_MODELS``.
-        command_line: as typed.
-        config_hash: SHA-256 of the whole configuration.
-        seed: seed of every random generator.
-        iterations: policy updates.
-        environment_steps: policy steps of all environments together.
-        device: the accelerator, in words.
-        date: end of the training, ISO 8601.
-    """
-
-    method: str
-    actuator_model: str
-    command_line: str
-    config_hash: str
-    seed: int
-    iterations: int
-    environment_steps: int
-    device: str
-    date: str
+    method: str  # name of the training method
+    actuator_model: str  # motor model in training, one of ``sprintlab.motors.MOTOR_MODELS``
+    command_line: str  # as typed
+    config_hash: str  # SHA-256 of the whole configuration
+    seed: int  # of every random generator
+    iterations: int  # policy updates
+    environment_steps: int  # policy steps of all environments together
+    device: str  # the accelerator, in words
+    date: str  # end of the training, ISO 8601
 
     def __post_init__(self) -> None:
         if re.fullmatch("[0-9a-f]{64}", self.config_hash) is None:
@@ -148,35 +126,6 @@ class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a policy was made for; joints in policy order, SI units.
 
-    Attributes:
-        format_version: version of this structure.
-        robot_name: the robot's name.
-        joint_names: names of the actuated joints in policy order.
-        default_pose: joint positions of a zero action [rad].
-        action_scale: radians for an action of one.
-        action_limit: greatest magnitude of an action that is used.
-        stiffness: proportional gains [N m/rad].
-        damping: derivative gains [N m s/rad].
-        observation: what the network sees.
-        filters: what lies between the sensors and the network.
-        policy_rate_hz: rate of the policy [Hz].
-        motor_rate_hz: rate of the motor loop that the policy is meant for [Hz].
-        motors: the motors behind the joints.
-        robot_fingerprint: hash of the whole robot description, masses and lengths included.
-        software: versions of the packages that made the policy.
-        training: how it was trained.
-        position_limits: lowest and highest position of each joint [rad]; None in files that do
-            not tell, whose fingerprint covers them all the same.
-        estimate: terms of the network's estimate in order; None without an estimator, and in files that do
-            not tell.
-        standing: when the robot is stood still in its default pose; None: never.
-        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast it
-            may fall; None: as it is given.
-        turning: which yaw rate the network is asked for; None: the one that is commanded.
-        calibration: which forward command the network is given for the one that is commanded, and which
-            forward speed its estimate stands for; None: each as it is. Versions that do not know it refuse
-            a contract that tells of it, as they do any unknown field.
-
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
             hash of the configuration is not a hash.
@@ -184,25 +133,27 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     format_version: int = FORMAT_VERSION
     robot_name: str
-    joint_names: tuple[str, ...]
-    default_pose: Vector
-    action_scale: Vector
-    action_limit: float
-    stiffness: Vector
-    damping: Vector
+    joint_names: tuple[str, ...]  # of the actuated joints
+    default_pose: Vector  # joint positions of a zero action [rad]
+    action_scale: Vector  # radians for an action of one
+    action_limit: float  # greatest magnitude of an action that is used
+    stiffness: Vector  # proportional gains [N m/rad]
+    damping: Vector  # derivative gains [N m s/rad]
     observation: ObservationContract
     filters: FilterContract
     policy_rate_hz: float
-    motor_rate_hz: float
+    motor_rate_hz: float  # of the motor loop that the policy is meant for
     motors: MotorTable
-    robot_fingerprint: str
-    software: dict[str, str]
+    robot_fingerprint: str  # hash of the whole robot description, masses and lengths included
+    software: dict[str, str]  # versions of the packages that made the policy
     training: TrainingRecord
-    position_limits: tuple[Interval, ...] | None = None
-    estimate: tuple[EstimateTerm, ...] | None = None
-    standing: StandingContract | None = None
-    pace: PaceContract | None = None
-    turning: TurningContract | None = None
+    # Optional: files that do not tell have None.
+    position_limits: tuple[Interval, ...] | None = None  # lowest and highest position of each joint [rad]
+    estimate: tuple[EstimateTerm, ...] | None = None  # terms of the network's estimate in order
+    standing: StandingContract | None = None  # when the robot is held in its default pose; None: never
+    pace: PaceContract | None = None  # how far the command may run ahead, and how fast it may fall
+    turning: TurningContract | None = None  # which yaw rate the network is asked for
+    # which forward command the network is given, and which forward speed its estimate stands for
     calibration: CalibrationContract | None = None
 
     def __post_init__(self) -> None:
@@ -292,7 +243,7 @@ def make_contract(
     pace: PaceContract | None = None,
     turning: TurningContract | None = None,
 ) -> PolicyContract:
-    """The contract of a policy trained for ``robot``.
+    """The contract of a policy trained for ``robot``; arguments as its fields.
 
     Args:
         robot: what the policy drives.
@@ -302,12 +253,8 @@ def make_contract(
         proprioception_filter: the low-pass used in training; its rate is the policy's.
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
-        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast it
-            may fall; ``None``: as it is given.
-        turning: which yaw rate the network is asked for; ``None``: the one that is commanded.
-
-    Raises:
-        InvalidValueError: a number is not finite or not positive.
+        pace: as the contract's.
+        turning: as the contract's.
     """
     return PolicyContract(
         **robot_section(robot),

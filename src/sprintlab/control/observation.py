@@ -19,34 +19,22 @@ _LONGEST_HISTORY = 1000  # frames: twenty seconds
 
 
 class Signals(NamedTuple):
-    """What terms of the observation are computed from; the first four are low-passed sensor readings.
+    """What terms of the observation are computed from; the first four are low-passed sensor readings."""
 
-    Attributes:
-        angular_velocity: body frame [rad/s] ``(..., 3)``.
-        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
-        joint_position: relative to the default pose [rad] ``(..., joints)``.
-        joint_velocity: [rad/s] ``(..., joints)``.
-        command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
-        previous_action: the action of the step before ``(..., joints)``.
-    """
-
-    angular_velocity: Array
-    projected_gravity: Array
-    joint_position: Array
-    joint_velocity: Array
-    command: Array
-    previous_action: Array
+    angular_velocity: Array  # body frame [rad/s] ``(..., 3)``
+    projected_gravity: Array  # unit gravity vector, body frame ``(..., 3)``
+    joint_position: Array  # relative to the default pose [rad] ``(..., joints)``
+    joint_velocity: Array  # [rad/s] ``(..., joints)``
+    command: Array  # forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``
+    previous_action: Array  # the action of the step before ``(..., joints)``
 
 
 class Observable(NamedTuple):
     """A quantity that can be a term of an observation."""
 
-    value: Callable[[Signals], Array]
-    """Its numbers ``(..., size)``."""
-    size: int | None
-    """Numbers; ``None``: one per joint."""
-    mirror: tuple[float, ...] | None
-    """Sign of each number in the mirror image, left for right; ``None``: those of joint angles."""
+    value: Callable[[Signals], Array]  # its numbers ``(..., size)``
+    size: int | None  # how many; None: one per joint
+    mirror: tuple[float, ...] | None  # sign of each in the mirror image; None: those of joint angles
 
 
 def _signal(name: str) -> Callable[[Signals], Array]:
@@ -170,14 +158,7 @@ class Observation:
 
 
 class Proprioception(NamedTuple):
-    """What the robot's own sensors say.
-
-    Attributes:
-        angular_velocity: body frame [rad/s] ``(..., 3)``.
-        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
-        joint_position: relative to the default pose [rad] ``(..., joints)``.
-        joint_velocity: [rad/s] ``(..., joints)``.
-    """
+    """What the robot's own sensors say; units and shapes as in ``Signals``."""
 
     angular_velocity: Array
     projected_gravity: Array

@@ -58,15 +58,10 @@ _PREVIOUS, _ESTIMATE = "previous_estimate", "estimate"
 
 
 class Decision(NamedTuple):
-    """What a network gives.
+    """What a network gives, float32."""
 
-    Attributes:
-        action: ``(batch, joints)`` float32.
-        estimate: filtered, to be handed back at the next step ``(batch, 8)`` float32; ``None`` for a
-            network without an estimator.
-    """
-
-    action: FloatArray
+    action: FloatArray  # ``(batch, joints)``
+    # filtered, to be handed back at the next step ``(batch, 8)``; None for a network without an estimator
     estimate: FloatArray | None
 
 
@@ -118,19 +113,12 @@ class Policy:
 
 
 class Measurement(NamedTuple):
-    """What the robot's sensors say at one policy step.
+    """What the robot's sensors say at one policy step."""
 
-    Attributes:
-        angular_velocity: body frame [rad/s] ``(3,)``.
-        projected_gravity: unit gravity vector, body frame ``(3,)``.
-        joint_position: angles of the motor encoders [rad] ``(joints,)``.
-        joint_velocity: [rad/s] ``(joints,)``.
-    """
-
-    angular_velocity: FloatArray
-    projected_gravity: FloatArray
-    joint_position: FloatArray
-    joint_velocity: FloatArray
+    angular_velocity: FloatArray  # body frame [rad/s] ``(3,)``
+    projected_gravity: FloatArray  # unit gravity vector, body frame ``(3,)``
+    joint_position: FloatArray  # angles of the motor encoders [rad] ``(joints,)``
+    joint_velocity: FloatArray  # [rad/s] ``(joints,)``
 
 
 class PolicyRuntime:

@@ -132,15 +132,12 @@ class Controller:
         return self._command(now)
 
     def step(self, now: int, states: Sequence[RobotState], fix: PositionFix | None = None) -> ControlTick:
-        """One step of the 1 kHz loop.
+        """One step of the 1 kHz loop; the ``command`` of what it returns is to be sent at once.
 
         Args:
             now: monotonic clock [ns], above that of the step before.
             states: states that arrived since then, in order of arrival.
             fix: a position fix that arrived.
-
-        Returns:
-            What happened; its ``command`` is to be sent at once.
         """
         begin = clock.perf_counter_ns()
         self._faults = []

@@ -48,28 +48,17 @@ ACTIVE_MODES = frozenset({Mode.STAND_UP, Mode.STAND, Mode.RUN, Mode.LIE_DOWN})
 
 
 class Behaviour:
-    """What the controller does in one mode, from entering it to leaving it; this one: drives off.
-
-    Attributes:
-        mode: which one.
-        ways: the mode to which a request leads; every other request is ignored, but ``STOP``, which every
-            active mode obeys.
-        carried: whether the legs carry the trunk: then a collapse is a fault.
-        policy_drives: whether the policy gives the targets.
-        brakes: whether the commanded velocity is brought to zero.
-        held: whether a fault keeps the robot from running.
-        motion: the targets where the policy does not drive; None where nothing is driven.
-        damps: whether joints are damped instead of driven.
-    """
+    """What the controller does in one mode, from entering it to leaving it; this one: drives off."""
 
     mode: ClassVar[Mode] = Mode.PASSIVE
+    # the mode to which a request leads; every other is ignored, but ``STOP``, which every active mode obeys
     ways: ClassVar[Mapping[Request, Mode]] = {Request.STAND: Mode.STAND_UP}
-    carried: ClassVar[bool] = False
-    policy_drives: bool = False
-    brakes: bool = False
-    held: bool = False
-    motion: Motion | None = None
-    damps: bool = False
+    carried: ClassVar[bool] = False  # whether the legs carry the trunk: then a collapse is a fault
+    policy_drives: bool = False  # whether the policy gives the targets
+    brakes: bool = False  # whether the commanded velocity is brought to zero
+    held: bool = False  # whether a fault keeps the robot from running
+    motion: Motion | None = None  # the targets where the policy does not drive
+    damps: bool = False  # whether joints are damped instead of driven
 
     def may_leave(self, goal: Mode, time: float) -> bool:
         """Whether the mode has come so far that ``goal`` may follow at ``time`` [s]."""

@@ -26,13 +26,10 @@ class RealTimeGrant:
 
 @contextmanager
 def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTimeGrant]:
-    """Lock the memory, raise the priority, keep the garbage collector out; all undone at the end.
+    """Lock the memory, raise the priority under SCHED_FIFO (1 to 99), keep the garbage collector out.
 
-    What is not permitted is left out and remarked upon: the loop runs anyway, and counts its misses.
-
-    Args:
-        priority: priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
-        core: to stay on; None for any.
+    What is not permitted is left out and remarked upon: the loop runs anyway, and counts its misses. At the
+    end all is undone.
     """
     if not sys.platform.startswith("linux"):
         yield RealTimeGrant(memory_locked=False, priority=None, remarks=("real time needs Linux",))

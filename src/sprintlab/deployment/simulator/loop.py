@@ -43,7 +43,6 @@ class SimulatorReport:
     """What happened to the simulated robot."""
 
     simulated_time: float = 0.0  # [s]
-    distance: float = 0.0  # position along x at the end [m]
     greatest_distance: float = 0.0  # greatest position along x [m]
     finish_times: dict[float, float] = field(default_factory=dict)  # of the mark, when it was passed [m, s]
     top_speed: float = 0.0  # highest mean speed along x over half a second [m/s]
@@ -167,7 +166,7 @@ class _Run:
     def look(self, mark: float) -> None:
         """Note where the robot is after a step."""
         report, position = self.report, float(self._world.robot.plant.data.qpos[0])
-        report.distance, report.greatest_distance = position, max(report.greatest_distance, position)
+        report.greatest_distance = max(report.greatest_distance, position)
         if position >= mark:
             report.finish_times.setdefault(mark, self._world.time)
         self._positions.append(position)

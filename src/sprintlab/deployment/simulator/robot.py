@@ -70,25 +70,14 @@ class SimulatorOptions:
 
 
 class SimulatedRobot:
-    """A plant that behaves on the bus as ``sprintlab.deployment.messages`` asks of a robot.
-
-    Attributes:
-        accepted: commands acted on.
-        dropped: commands that were not acted on, counted by the reason.
-        watchdog_trips: number of times the watchdog took over from a controller that drove the joints.
-        fall_reason: reason of the first fall; empty before it. A fall is a tilt beyond 60 degrees,
-            or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
-            commands.
-
-    Raises:
-        RobotModelError: the robot's model does not compile.
-    """
+    """A plant that behaves on the bus as ``sprintlab.deployment.messages`` asks of a robot."""
 
     def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
         self.plant = Plant(robot, options.plant, options.trial)
-        self.accepted = self.watchdog_trips = 0
-        self.dropped: Counter[str] = Counter()
-        self.fall_reason = ""
+        self.accepted = 0  # commands acted on
+        self.dropped: Counter[str] = Counter()  # commands that were not acted on, by the reason
+        self.watchdog_trips = 0  # times the watchdog took over from a controller that drove the joints
+        self.fall_reason = ""  # of the first fall; empty before it
         self._robot, self._options = robot, options
         self._random = np.random.default_rng(options.seed)
         self._period = 1.0 / options.plant.motor_rate
@@ -204,7 +193,10 @@ class SimulatedRobot:
         return spring + damping + command.feedforward_torque, command.target_position
 
     def _notice_falls(self) -> None:
-        """Lying down in good order is no fall: slowly, or with damped joints from a stand."""
+        """A fall is a tilt beyond 60 degrees, or trunk or knee on the ground at speed or suddenly.
+
+        Lying down in good order is none: slowly, or with damped joints from a stand.
+        """
         data = self.plant.data
         if data.qpos[2] > _UPRIGHT * self._robot.standing_height:
             self._upright_time = self.time
