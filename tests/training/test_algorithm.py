@@ -14,13 +14,17 @@ from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo, build_actor
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import (
+    PolicyBatch,
     adapted_learning_rate,
     generalized_advantages,
+    log_probability,
+    loss_scale,
     noise_scale_per_env,
-    policy_losses,
+    policy_gradients,
 )
 from sprintlab.training.learner.networks import Critic
 from sprintlab.training.learner.parameters import ParameterBlock
+from sprintlab.training.learner.perceptron import Perceptron
 from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -53,15 +57,14 @@ def rsl_model(name: str, inputs: int, outputs: int, distribution: dict | None) -
     )  # fmt: skip
 
 
-def copy_layers(target: torch.nn.Module, source: torch.nn.Module) -> None:
-    with torch.no_grad():
-        for theirs, ours in zip(linear_layers(target), linear_layers(source), strict=True):
-            theirs.weight.copy_(ours.weight[:, : theirs.in_features])
-            theirs.bias.copy_(ours.bias)
-
-
-def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
-    return [layer for layer in module.modules() if isinstance(layer, torch.nn.Linear)]
+def both(theirs: torch.nn.Module, ours: Perceptron) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Their parameters and ours, of which the columns that fill up a matrix are left out."""
+    linear = [layer for layer in theirs.modules() if isinstance(layer, torch.nn.Linear)]
+    pairs = []
+    for one, layer in zip(linear, ours.layers, strict=True):
+        pairs.append((one.weight, layer.weight[0, : one.in_features, : one.out_features].T))
+        pairs.append((one.bias, layer.bias[: one.out_features]))
+    return pairs
 
 
 def test_an_update_is_rsl_rl_s_update() -> None:
@@ -76,8 +79,9 @@ def test_an_update_is_rsl_rl_s_update() -> None:
     inputs = 53 + SETTINGS.estimator.latent
     noise = {"class_name": "GaussianDistribution", "init_std": 0.8, "std_type": "scalar"}
     their_actor, their_critic = rsl_model("actor", inputs, 12, noise), rsl_model("critic", 53, 1, None)
-    copy_layers(their_actor, actor.policy)
-    copy_layers(their_critic, critic.value)
+    with torch.no_grad():
+        for theirs_, ours_ in both(their_actor, actor.policy) + both(their_critic, critic.value):
+            theirs_.copy_(ours_)
     rollout = Rollout(ROBOTS, STEPS, OBSERVATION, PLAIN, "cpu")
     observation = TensorDict(
         {"actor": torch.zeros(ROBOTS, inputs), "critic": torch.zeros(ROBOTS, 53)}, batch_size=[ROBOTS]
@@ -113,7 +117,8 @@ def test_an_update_is_rsl_rl_s_update() -> None:
         theirs.process_env_step(seen, rewards, ends, {"time_outs": time_outs})
     assert seen is not None
     theirs.compute_returns(seen)
-    last = critic.value(seen["critic"])[:, 0].detach()
+    with torch.no_grad():
+        last = critic.value(seen["critic"])[:, 0]
     advantage = generalized_advantages(
         rollout.reward, rollout.value, rollout.end, rollout.time_out, last, PPO_SETTINGS
     )
@@ -124,10 +129,8 @@ def test_an_update_is_rsl_rl_s_update() -> None:
     theirs.update()
     ours = TestedUpdate(actor, critic, rollout)
     ours.run()
-    for mine, other in ((actor.policy, their_actor), (critic.value, their_critic)):
-        for one, two in zip(linear_layers(mine), linear_layers(other), strict=True):
-            torch.testing.assert_close(one.weight[:, : two.in_features], two.weight, rtol=1e-4, atol=2e-6)
-            assert not one.weight[:, two.in_features :].any()  # a first layer is filled up with zeros
+    for their, our in both(their_actor, actor.policy) + both(their_critic, critic.value):
+        torch.testing.assert_close(our, their, rtol=1e-4, atol=2e-6)
     assert float(ours.rate) == pytest.approx(theirs.learning_rate)
 
 
@@ -143,15 +146,17 @@ class TestedUpdate:
         for normalizer in (actor.normalizer, critic.normalizer):
             normalizer.variance.fill_(0.99**2)
 
+    @torch.no_grad()
     def run(self) -> None:
-        policy = [*self.actor.policy.parameters(), self.actor.std]
-        block = ParameterBlock([policy, list(self.critic.parameters())], self.rate, fused=False)
+        policy = [*self.actor.policy.mixed_parameters(), (self.actor.std, None)]
+        block = ParameterBlock([policy, self.critic.value.mixed_parameters()], self.rate)
         old_std = self.actor.std.detach().clone()
         for _ in range(PPO_SETTINGS.epochs):
             batch = self.rollout.policy_batch(0, ROBOTS)
-            loss, parts = policy_losses(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
+            gradients, parts = policy_gradients(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
             self.rate.copy_(adapted_learning_rate(self.rate, parts[3], PPO_SETTINGS.desired_kl))
-            block.descend(loss, Workers(), 1)
+            block.write(gradients)
+            block.step()
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
@@ -183,9 +188,8 @@ def test_robots_with_little_noise_act_with_it_and_their_probabilities_know_it() 
     expected = torch.distributions.Normal(rollout.mean, noise).log_prob(rollout.action).sum(-1)
     torch.testing.assert_close(rollout.log_probability, expected, rtol=1e-4, atol=1e-3)
     learner._prepare()
-    _, parts = policy_losses(
-        learner.actor, learner.critic, rollout.policy_batch(0, ROBOTS), learner.old_std, settings.ppo
-    )
+    learner._policy_gradient(rollout.policy_batch(0, ROBOTS))
+    parts = learner._parts
     assert float(parts[0]) == pytest.approx(-float(rollout.advantage.mean()), abs=1e-4)
 
 
@@ -222,17 +226,18 @@ def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> 
     assert any(not torch.equal(value, before[name]) for name, value in learner._networks().items())
 
 
-def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
-    """What Adam and the norm's limit do to the block is what they do to the parameters one by one."""
+def test_a_block_does_to_its_parameters_what_adam_and_the_norm_s_limit_do_to_each() -> None:
     torch.manual_seed(1)
     modules = [torch.nn.Linear(5, 3), torch.nn.Linear(3, 2)]
     copies = [copy.deepcopy(module) for module in modules]
     rate = torch.tensor(1e-2)
-    block = ParameterBlock([list(module.parameters()) for module in modules], rate, fused=False)
+    block = ParameterBlock([[(p, None) for p in module.parameters()] for module in modules], rate)
     reference = torch.optim.Adam([p for module in copies for p in module.parameters()], lr=1e-2)
     for _ in range(5):
         inputs = 30.0 * torch.randn(8, 5)
-        block.descend(modules[1](modules[0](inputs)).square().mean(), Workers(), 1)
+        loss = modules[1](modules[0](inputs)).square().mean()
+        block.write([8.0 * each for each in torch.autograd.grad(loss, block.parameters)], 8.0)
+        block.step()
         reference.zero_grad()
         copies[1](copies[0](inputs)).square().mean().backward()
         for module in copies:
@@ -243,6 +248,41 @@ def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
         assert ours.untyped_storage().data_ptr() == block.values.untyped_storage().data_ptr()
     used = sum(parameter.numel() for parameter in block.parameters)
     assert int((block.values != 0.0).sum()) == used < block.values.numel()
+    assert torch.equal(block.rounded, block.values.half())
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_the_gradients_of_policy_and_critic_are_those_of_the_losses(symmetric: bool) -> None:
+    """The losses as they are written in textbooks, through autograd; half of the ratios leave the clip."""
+    torch.manual_seed(3)
+    settings = replace(PPO_SETTINGS, symmetric=symmetric)
+    actor = build_actor(replace(SETTINGS, ppo=settings), load_robot("bp2"))
+    critic, samples = Critic(settings, OBSERVATION), 300
+    seen, states = (
+        torch.randn(samples, actor.policy.inward.size),
+        torch.randn(samples, critic.value.inward.size),
+    )
+    share, action = torch.where(torch.rand(samples) < 0.5, 1.0, 0.5), torch.randn(samples, 12)
+    mean, value = actor.decide(seen), critic(states)
+    before = log_probability(action, mean, actor.std * share[:, None])
+    values, gain = value.detach() + 0.3 * torch.randn(samples), torch.randn(samples)
+    batch = PolicyBatch(
+        noise_scale=share, actor_input=seen, privileged=states, action=action, mean=mean.detach(),
+        log_probability=before.detach() + 0.3 * torch.randn(samples), value=values, advantage=gain,
+        returns=values + torch.randn(samples),
+    )  # fmt: skip
+    ratio = (before - batch.log_probability).exp()
+    surrogate = -torch.minimum(gain * ratio, gain * ratio.clamp(0.8, 1.2)).mean()
+    near = values + (value - values).clamp(-0.2, 0.2)
+    squares = torch.maximum((value - batch.returns).square(), (near - batch.returns).square()).mean()
+    entropy = torch.distributions.Normal(mean, actor.std).entropy().sum(1).mean()
+    parameters = [*actor.policy.parameters(), actor.std, *critic.value.parameters()]
+    expected = torch.autograd.grad(surrogate + squares - settings.entropy * entropy, parameters)
+    with torch.no_grad():
+        gradients, parts = policy_gradients(actor, critic, batch, actor.std.detach(), settings)
+    torch.testing.assert_close(parts[:3], torch.stack((surrogate, squares, entropy)).detach())
+    for found, wanted in zip(gradients, expected, strict=True):
+        torch.testing.assert_close(found / loss_scale(samples), wanted, rtol=1e-4, atol=1e-6)
 
 
 def test_float16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
@@ -255,14 +295,16 @@ def test_float16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
         rounded.record()
     rounded._prepare()
     batch = rounded.rollout.policy_batch(0, ROBOTS)
-    results = [
-        policy_losses(rounded.actor, rounded.critic, batch, rounded.old_std, settings)
-        for settings in (short.ppo, PPO_SETTINGS)
-    ]
-    (loss, parts), (exact, exact_parts) = results
+    with torch.no_grad():
+        (gradients, parts), (exact, exact_parts) = (
+            policy_gradients(rounded.actor, rounded.critic, batch, rounded.old_std, settings)
+            for settings in (short.ppo, PPO_SETTINGS)
+        )
     assert float(parts[0]) == pytest.approx(-float(batch.advantage.mean()), abs=1e-5)
     assert float(parts[3]) == pytest.approx(0.0, abs=1e-6)
-    torch.testing.assert_close(loss, exact, rtol=0.05, atol=0.02)
+    torch.testing.assert_close(parts, exact_parts, rtol=0.05, atol=0.02)
     assert not torch.equal(parts, exact_parts)
+    for one, other in zip(gradients, exact, strict=True):
+        assert (one - other).norm() < 0.02 * other.norm()
     values = rounded.rollout.value
     assert not torch.equal(values, values.half().float()), "values in eight bits drown a step's reward"

@@ -20,7 +20,6 @@ from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
-from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards, paper_rewards
 from sprintlab.training.settings import REWARD_SUMS
@@ -71,25 +70,18 @@ def test_acting_and_recording_are_one_piece_each(learner: EstimatorPpo) -> None:
     assert int(learner.rollout.step) == 1
 
 
-def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
-    rollout, settings = learner.rollout, learner.settings
-    batch, old_std = rollout.policy_batch(0, 4), learner.old_std
-    plain = policy_losses(learner.actor, learner.critic, batch, old_std, settings.ppo)
-    loss, parts = traced(policy_losses)(learner.actor, learner.critic, batch, old_std, settings.ppo)
-    torch.testing.assert_close((loss, parts), plain)
-    noise = torch.zeros(8, settings.estimator.latent)
-    traced(learner._note_losses)(parts)
-    traced(learner._limit_std)()
-    traced(learner._update_normalizers)()
-    history = rollout.estimator_batch(0, 4, noise)
-    traced(estimator_losses)(learner.actor, history)
-    traced(generalized_advantages)(
-        rollout.reward, rollout.value, rollout.end, rollout.time_out, rollout.value[:, 0], settings.ppo
-    )
-
-
-def test_a_step_of_adam_is_one_piece(learner: EstimatorPpo) -> None:
-    traced(learner.block._step)()
+def test_the_parts_of_an_update_are_one_piece_each(learner: EstimatorPpo) -> None:
+    traced(learner._bootstrap)()
+    batch = learner.rollout.policy_batch(0, 4)
+    learner._policy_gradient(batch)
+    plain = learner.block.gradient.clone()
+    traced(learner._policy_gradient)(batch)
+    torch.testing.assert_close(learner.block.gradient, plain)
+    traced(learner._policy_step)()
+    noise = torch.zeros(8, learner.settings.estimator.latent)
+    traced(learner._estimator_gradient)(learner.rollout.estimator_batch(0, 4, noise))
+    traced(learner._estimator_step)()
+    traced(learner._finish)()
 
 
 @dataclass

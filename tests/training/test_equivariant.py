@@ -12,10 +12,10 @@ from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots import load_robot
 from sprintlab.training.learner.algorithm import build_actor
-from sprintlab.training.learner.equivariant import SymmetricPerceptron
 from sprintlab.training.learner.mirror import (
     ESTIMATE_MIRROR,
     HANDEDNESS_MIRROR,
+    Basis,
     Mirror,
     frame_mirror,
     joint_mirror,
@@ -23,6 +23,7 @@ from sprintlab.training.learner.mirror import (
     signed,
 )
 from sprintlab.training.learner.networks import Actor, Critic, Normalizer
+from sprintlab.training.learner.perceptron import Perceptron
 from sprintlab.training.runs.export import _onnx_bytes
 from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
 
@@ -97,7 +98,7 @@ def test_a_layer_can_be_any_symmetric_map() -> None:
     """Gradient descent brings a random network onto a target that is symmetric, and not onto another."""
     torch.manual_seed(0)
     inward, outward = signed(1.0, -1.0), paired(2)
-    network = SymmetricPerceptron(inward, (32, 16), outward)
+    network = Perceptron(Basis(2, inward), (32, 16), Basis(2, outward))
     points = 2 * torch.rand(256, 2) - 1
     wanted = torch.stack((points[:, 0] + points[:, 1], points[:, 0] - points[:, 1]), 1)
     optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
@@ -131,4 +132,15 @@ def test_mirroring_twice_changes_nothing(joints: int) -> None:
 
 def test_an_odd_width_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="an even number"):
-        SymmetricPerceptron(signed(1.0), (5,), signed(1.0))
+        Perceptron(Basis(1, signed(1.0)), (5,), Basis(1, signed(1.0)))
+
+
+@pytest.mark.parametrize("mirrored", [True, False])
+def test_a_basis_is_orthogonal_and_the_mirror_diagonal_in_it(mirrored: bool) -> None:
+    mirror = joint_mirror(13).joined(signed(1.0, -1.0, -1.0))
+    basis, vector = Basis(mirror.size, mirror if mirrored else None), torch.randn(5, mirror.size)
+    halves = basis(vector)
+    torch.testing.assert_close(basis.inverse(halves.unbind()), vector)
+    torch.testing.assert_close(halves.square().sum((0, 2)), vector.square().sum(1))
+    if mirrored:
+        assert torch.equal(basis(mirror.of(vector)), torch.stack((halves[0], -halves[1])))

@@ -10,8 +10,14 @@ import torch
 from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.robots import load_robot
 from sprintlab.training.learner.algorithm import build_actor
-from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
-from sprintlab.training.learner.networks import Actor, Critic
+from sprintlab.training.learner.losses import (
+    CONTACT_WEIGHT,
+    LATENT_WEIGHT,
+    EstimatorBatch,
+    estimator_gradients,
+)
+from sprintlab.training.learner.networks import Actor
+from sprintlab.training.learner.parameters import ParameterBlock
 from sprintlab.training.settings import EstimatorSettings, TrainingSettings
 
 SETTINGS = TrainingSettings()
@@ -34,8 +40,7 @@ def test_as_few_and_as_many_layers_as_settings_may_say_are_a_network(layers: int
     made = build_actor(settings, load_robot("bp2"))
     action, estimate = made(torch.randn(3, HISTORY), torch.zeros(3, ESTIMATE_SIZE))
     assert action.shape == (3, 12) and estimate.shape == (3, ESTIMATE_SIZE)
-    encoding = made.estimator(torch.randn(3, HISTORY))
-    frame = made.estimator.decode(encoding, torch.randn(3, settings.estimator.latent))
+    frame = made.estimator.decoder(torch.randn(3, ESTIMATE_SIZE + settings.estimator.latent))
     assert frame.shape == (3, OBSERVATION.frame_size)
 
 
@@ -56,22 +61,44 @@ def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
     return batch._replace(**changes)
 
 
-def policy_batch(actor: Actor) -> PolicyBatch:
-    actor_input, _ = actor.perceive(torch.randn(SAMPLES, HISTORY), torch.zeros(SAMPLES, ESTIMATE_SIZE))
-    flat = torch.randn(SAMPLES)
-    actions = torch.randn(SAMPLES, 12)
-    seen = (actor_input.detach(), torch.randn(SAMPLES, 54), actions, 0.5 * actions)
-    return PolicyBatch(torch.ones(SAMPLES), *seen, flat, flat, flat, flat)
-
-
-def test_the_log_variance_has_a_head_of_its_own(actor: Actor) -> None:
-    history = torch.randn(3, HISTORY)
-    before = actor.estimator(history)
+def losses(actor: Actor, batch: EstimatorBatch) -> torch.Tensor:
     with torch.no_grad():
-        actor.estimator.mean_head.bias += 1.0
-    after = actor.estimator(history)
-    assert torch.equal(before.log_variance, after.log_variance)
-    torch.testing.assert_close(after.mean, before.mean + 1.0)
+        return estimator_gradients(actor, batch)[1]
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_the_gradients_are_those_of_the_losses(symmetric: bool) -> None:
+    """The textbook's losses through autograd; some variances are beyond their limits."""
+    torch.manual_seed(2)
+    actor = build_actor(replace(SETTINGS, ppo=replace(SETTINGS.ppo, symmetric=symmetric)), load_robot("bp2"))
+    estimator = actor.estimator
+    with torch.no_grad():
+        estimator.encoder.layers[-1].weight *= 20.0
+    batch = estimator_batch(valid=(torch.rand(SAMPLES) < 0.7).float())
+    encoding = estimator(actor.normalized_frames(batch.history))
+    log_variance = encoding.log_variance.clamp(-8.0, 4.0)
+    assert not torch.equal(log_variance, encoding.log_variance)
+    latent = torch.distributions.Normal(encoding.mean, (0.5 * log_variance).exp())
+    frame = (
+        estimator.decoder(torch.cat((encoding.raw, latent.mean + latent.stddev * batch.noise), 1))
+        * actor.seen
+    )
+    error = (frame - actor.normalized_frames(batch.next_frame)).square().mean(1)
+    wanted = estimator.scaled_privileged(batch.privileged)
+    parts = (
+        (encoding.raw[:, :4] - wanted[:, :4]).square().mean(),
+        -torch.distributions.Bernoulli(logits=encoding.raw[:, 4:]).log_prob(wanted[:, 4:]).mean(),
+        error[batch.valid > 0.0].mean(),
+        torch.distributions.kl_divergence(latent, torch.distributions.Normal(0.0, 1.0)).sum(1).mean(),
+    )
+    parameters = [*estimator.encoder.parameters(), *estimator.decoder.parameters()]
+    loss = parts[0] + CONTACT_WEIGHT * parts[1] + parts[2] + LATENT_WEIGHT * parts[3]
+    expected = torch.autograd.grad(loss, parameters)
+    with torch.no_grad():
+        gradients, found = estimator_gradients(actor, batch)
+    torch.testing.assert_close(found, torch.stack(parts).detach())
+    for one, other in zip(gradients, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-5)
 
 
 def test_a_pair_across_an_episode_s_end_teaches_the_decoder_nothing(actor: Actor) -> None:
@@ -80,13 +107,10 @@ def test_a_pair_across_an_episode_s_end_teaches_the_decoder_nothing(actor: Actor
     batch = estimator_batch(valid=valid)
     nonsense = batch.next_frame.clone()
     nonsense[::2] = 1e3
-    parts = [
-        estimator_losses(actor, batch._replace(next_frame=frames))[1]
-        for frames in (batch.next_frame, nonsense)
-    ]
+    parts = [losses(actor, batch._replace(next_frame=frames)) for frames in (batch.next_frame, nonsense)]
     assert torch.equal(*parts)
     everything = batch._replace(next_frame=nonsense, valid=torch.ones(SAMPLES))
-    assert estimator_losses(actor, everything)[1][2] > 2 * parts[0][2]
+    assert losses(actor, everything)[2] > 2 * parts[0][2]
 
 
 def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
@@ -96,18 +120,6 @@ def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
     actor_input, _ = actor.perceive(history, zeros)
     latent = actor.estimator(actor.normalized_frames(history)).mean
     assert torch.equal(actor_input[:, 53 : 53 + SETTINGS.estimator.latent], latent)
-
-
-def test_the_policy_s_loss_leaves_the_estimator_alone_and_the_other_way_round(actor: Actor) -> None:
-    critic = Critic(SETTINGS.ppo, OBSERVATION)
-    loss, _ = policy_losses(actor, critic, policy_batch(actor), actor.std.detach().clone(), SETTINGS.ppo)
-    loss.backward()
-    assert all(parameter.grad is None for parameter in actor.estimator.parameters())
-    assert all(parameter.grad is not None for parameter in actor.policy.parameters())
-    actor.zero_grad(set_to_none=True)
-    estimator_losses(actor, estimator_batch())[0].backward()
-    assert all(parameter.grad is not None for parameter in actor.estimator.parameters())
-    assert all(parameter.grad is None for parameter in [*actor.policy.parameters(), actor.std])
 
 
 def test_the_estimator_does_not_see_the_command_unless_told_so() -> None:
@@ -143,17 +155,17 @@ def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
     history = 0.1 * torch.randn(SAMPLES, HISTORY)
     history[:, -12:-4] = privileged
     batch = estimator_batch(history=history, privileged=privileged)
-    optimizer = torch.optim.Adam(actor.estimator.parameters(), lr=3e-3)
-    losses = []
-    for _ in range(150):
-        optimizer.zero_grad()
-        loss, parts = estimator_losses(actor, batch)
-        loss.backward()
-        optimizer.step()
-        losses.append(parts)
-    assert losses[-1][0] < 0.2 * losses[0][0]
-    assert losses[-1][1] < 0.2 * losses[0][1]
+    networks = (actor.estimator.encoder, actor.estimator.decoder)
+    block = ParameterBlock([[p for each in networks for p in each.mixed_parameters()]], torch.tensor(3e-3))
     with torch.no_grad():
+        history_of_parts = []
+        for _ in range(150):
+            gradients, parts = estimator_gradients(actor, batch)
+            block.write(gradients)
+            block.step()
+            history_of_parts.append(parts)
+        first, last = history_of_parts[0], history_of_parts[-1]
+        assert (last[:2] < 0.2 * first[:2]).all()
         value = actor.estimator.physical(actor.estimator(actor.normalized_frames(history)).raw)
     assert (value[:, :3] - privileged[:, :3]).abs().mean() < 0.3
     assert ((value[:, 4:] > 0.5) == (privileged[:, 4:] > 0.5)).float().mean() > 0.95

@@ -117,10 +117,10 @@ def test_what_is_exported_is_the_mean_of_the_weights() -> None:
     runner, weights = Runner(settings, "cpu", "test"), []
     for _ in range(3):
         runner.iterate()
-        weights.append(runner.learner.actor.state_dict()["policy.last.weight"].clone())
+        weights.append(runner.learner.actor.state_dict()["policy.layers.2.weight"].clone())
     expected = 0.5 * (0.5 * (weights[0] + weights[1]) + weights[2])
-    torch.testing.assert_close(runner.mean["policy.last.weight"], expected)
-    exported = actor_from_checkpoint(runner.state()).state_dict()["policy.last.weight"]
+    torch.testing.assert_close(runner.mean["policy.layers.2.weight"], expected)
+    exported = actor_from_checkpoint(runner.state()).state_dict()["policy.layers.2.weight"]
     torch.testing.assert_close(exported, expected)
 
 

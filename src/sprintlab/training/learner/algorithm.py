@@ -22,12 +22,13 @@ from sprintlab.training.learner.losses import (
     EstimatorBatch,
     PolicyBatch,
     adapted_learning_rate,
-    decide_and_value,
-    estimator_losses,
+    estimator_gradients,
     generalized_advantages,
     log_probability,
+    loss_scale,
     noise_scale_per_env,
-    policy_losses,
+    policy_gradients,
+    precision_of,
     robot_noise,
 )
 from sprintlab.training.learner.metric_buffer import MetricBuffer
@@ -67,17 +68,18 @@ class EstimatorPpo:
         self.environment, self.settings = environment, environment.settings
         self.device, self._workers = str(environment.device), workers
         fused = fused and self.device.startswith("cuda")
-        self._build(environment, fused)
-        self._advantages = compiled(generalized_advantages, fused)
-        self._policy_losses = compiled(policy_losses, fused)
-        self._estimator_losses = compiled(estimator_losses, fused)
+        self._build(environment)
         self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
-        self._note, self._limit_noise = compiled(self._note_losses, fused), compiled(self._limit_std, fused)
-        self._normalize = compiled(self._update_normalizers, fused and not workers.several)
+        self._advantages = compiled(self._bootstrap, fused)
+        self._policy_back = compiled(self._policy_gradient, fused)
+        self._policy_on = compiled(self._policy_step, fused)
+        self._estimator_back = compiled(self._estimator_gradient, fused)
+        self._estimator_on = compiled(self._estimator_step, fused)
+        self._conclude = compiled(self._finish, fused and not workers.several)
         self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
 
-    def _build(self, environment: SprintEnvironment, fused: bool) -> None:
+    def _build(self, environment: SprintEnvironment) -> None:
         settings, ppo = self.settings, self.settings.ppo
         self.actor = build_actor(settings, environment.robot).to(self.device)
         self.critic = Critic(ppo, environment.observation).to(self.device)
@@ -90,17 +92,23 @@ class EstimatorPpo:
             self.device,
         )
         self._noise_scale = noise_scale_per_env(environment.num_envs, ppo).unsqueeze(1).to(self.device)
-        policy = [*self.actor.policy.parameters(), self.actor.std]
+        self._precision = precision_of(ppo)
+        actor, critic, estimator = self.actor, self.critic.value, self.actor.estimator
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
-        self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
+        groups = [[*actor.policy.mixed_parameters(), (actor.std, None)], critic.mixed_parameters()]
+        self.block = ParameterBlock(groups, self.learning_rate)
         self.estimator_rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
-        estimator = [list(self.actor.estimator.parameters())]
-        self.estimator_block = ParameterBlock(estimator, self.estimator_rate, fused)
+        groups = [[*estimator.encoder.mixed_parameters(), *estimator.decoder.mixed_parameters()]]
+        self.estimator_block = ParameterBlock(groups, self.estimator_rate)
+        for layer in (*actor.policy.stack, *critic.stack):
+            layer.rounded = self.block.part(self.block.rounded, layer.weight)
+        self._std_place = self.block.place(actor.std)
         self.old_std = self.actor.std.detach().clone()
         self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=self.device) for _ in range(2))
         self.desired_kl = torch.tensor(ppo.desired_kl, device=self.device)
         self.set_phase(0.0)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
+        self._parts = torch.zeros(4, device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
 
@@ -128,6 +136,7 @@ class EstimatorPpo:
         with torch.no_grad():
             for tensor, value in zip(touched, kept, strict=True):
                 tensor.copy_(value)
+        self.block.refresh()
         for tensor in (self._loss_sums, self.rolled_back, self.rollout.step, self.environment.estimate):
             tensor.zero_()
 
@@ -166,7 +175,7 @@ class EstimatorPpo:
         history, privileged = environment.actor_observation, self._privileged()
         actor_input, estimate = self.actor.perceive(history, environment.estimate, environment.handedness)
         environment.estimate.copy_(estimate)
-        mean, value = decide_and_value(self.actor, self.critic, actor_input, privileged, self.settings.ppo)
+        mean = self.actor.decide(actor_input, self._precision)
         std = robot_noise(self.actor.std, rollout.noise_scale[:, 0])
         action = mean + std * noise
         values = {
@@ -176,7 +185,7 @@ class EstimatorPpo:
             "action": action,
             "mean": mean,
             "log_probability": log_probability(action, mean, std),
-            "value": value,
+            "value": self.critic(privileged, self._precision),
         }
         for name, each in values.items():
             rollout.write(name, each)
@@ -208,56 +217,77 @@ class EstimatorPpo:
         blocks = self._blocks()
         for epoch in range(self.settings.ppo.epochs):
             for first, last in blocks:
-                self._improve_policy(self.rollout.policy_batch(first, last))
+                self._improve_policy(first, last)
                 if epoch < self.settings.estimator.epochs:
                     self._improve_estimator(first, last)
-        self._normalize()
-        self._roll_back_if_diverged()
+        self._conclude()
 
     def _blocks(self) -> list[tuple[int, int]]:
-        """Mini-batches as blocks of robots."""
+        """Mini-batches as blocks of robots; fewer where there are fewer robots."""
         robots, parts = self.rollout.robots, self.settings.ppo.mini_batches
         edges = [robots * part // parts for part in range(parts + 1)]
-        return list(itertools.pairwise(edges))
+        return [(first, last) for first, last in itertools.pairwise(edges) if first < last]
 
     @torch.no_grad()
     def _prepare(self) -> None:
         """Advantages and returns of the rollout."""
+        self._advantages()
+        self.rollout.advantage.copy_(self._workers.normalized(self.rollout.advantage))
+
+    @torch.no_grad()
+    def _bootstrap(self) -> None:
+        """Advantages, not normalized, and returns, from the value of the states after the last step."""
         r = self.rollout
         self.old_std.copy_(self.actor.std)
         last = self.critic(self._privileged())
-        advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
+        advantage = generalized_advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
         r.returns.copy_(advantage + r.value)
-        r.advantage.copy_(self._workers.normalized(advantage))
+        r.advantage.copy_(advantage)
 
-    def _improve_policy(self, batch: PolicyBatch) -> None:
-        loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
-        self._workers.average(parts)
-        self._note(parts)
-        self.block.descend(loss, self._workers, len(batch.action))
-        self._limit_noise()
+    def _improve_policy(self, first: int, last: int) -> None:
+        self._policy_back(self.rollout.policy_batch(first, last))
+        self._workers.average(self._parts)
+        self._workers.average(self.block.gradient)
+        self._policy_on()
 
     @torch.no_grad()
-    def _note_losses(self, parts: torch.Tensor) -> None:
-        """Adapt the learning rate to the divergence, and add the losses to the sums."""
+    def _policy_gradient(self, batch: PolicyBatch) -> None:
+        gradients, parts = policy_gradients(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
+        self.block.write(gradients, loss_scale(len(batch.action)))
+        self._parts.copy_(parts)
+
+    @torch.no_grad()
+    def _policy_step(self) -> None:
+        """Adapt the learning rate to the divergence, take the step, and add the losses to the sums."""
         ppo = self.settings.ppo
-        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], self.desired_kl))
-        self._loss_sums[:4] += parts / (ppo.epochs * ppo.mini_batches)
-
-    @torch.no_grad()
-    def _limit_std(self) -> None:
-        self.actor.std.copy_(self.actor.std.clamp(self.least_std, self.most_std))
+        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, self._parts[3], self.desired_kl))
+        self._loss_sums[:4] += self._parts / (ppo.epochs * ppo.mini_batches)
+        self.block.step()
+        std = self.block.values[self._std_place]
+        std.copy_(std.clamp(self.least_std, self.most_std))
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps
         noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
-        batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
-        loss, parts = self._estimator_losses(self.actor, batch)
-        self.estimator_block.descend(loss, self._workers, samples)
-        with torch.no_grad():
-            self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
+        self._estimator_back(self.rollout.estimator_batch(first, last, noise))
+        self._workers.average(self.estimator_block.gradient)
+        self._estimator_on()
 
     @torch.no_grad()
+    def _estimator_gradient(self, batch: EstimatorBatch) -> None:
+        gradients, parts = estimator_gradients(self.actor, batch)
+        self.estimator_block.write(gradients)
+        self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
+
+    @torch.no_grad()
+    def _estimator_step(self) -> None:
+        self.estimator_block.step()
+
+    @torch.no_grad()
+    def _finish(self) -> None:
+        self._update_normalizers()
+        self._roll_back_if_diverged()
+
     def _update_normalizers(self) -> None:
         """After the update, so that its likelihood ratios compare the policies on equal inputs."""
         known = self.rollout.frame_size + ESTIMATE_SIZE
@@ -269,13 +299,13 @@ class EstimatorPpo:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
             normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
 
-    @torch.no_grad()
     def _roll_back_if_diverged(self) -> None:
         """A NaN anywhere: networks and optimizers as before the update, and a fresh, slower start."""
         tensors = self._revertible()
-        finite = torch.nn.utils.get_total_norm(tensors).isfinite()
+        finite = torch.stack([tensor.isfinite().all() for tensor in tensors]).all()
         for saved, tensor in zip(self._before, tensors, strict=True):
             tensor.copy_(torch.where(finite, tensor, saved))
+        self.block.refresh()
         self.learning_rate.copy_(torch.where(finite, self.learning_rate, 0.5 * self.learning_rate))
         self.learning_rate.nan_to_num_(nan=1e-4)
         self.rolled_back.add_(1.0 - finite.float())
@@ -319,3 +349,4 @@ class EstimatorPpo:
             tensor.copy_(value)
         self.learning_rate.copy_(state["learning_rate"])
         self.rolled_back.copy_(state["rolled_back"])
+        self.block.refresh()

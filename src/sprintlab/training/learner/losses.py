@@ -1,4 +1,4 @@
-"""What the networks are trained on: advantages, PPO's losses and the estimator's, as pure functions.
+"""What the networks are trained on: advantages, PPO's losses and the estimator's, with their gradients.
 
 PPO is Schulman et al. 2017 with the details of rsl_rl 5.4: clipped value loss, time-outs bootstrapped with
 the value before the step, advantages normalized over the whole rollout, learning rate adapted to the
@@ -13,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch.nn import functional
 
-from sprintlab.training.learner.networks import CONTACT_START, Actor, Critic
+from sprintlab.control import ESTIMATE_SIZE
+from sprintlab.training.learner.networks import CONTACT_START, LOG_VARIANCE_RANGE, Actor, Critic
 from sprintlab.training.settings import PpoSettings
 
 LEARNING_RATE_RANGE = (1e-5, 1e-2)
@@ -22,6 +23,8 @@ CONTACT_WEIGHT = 0.2
 LATENT_WEIGHT = 1e-3
 """Beta, of the latent's divergence from a standard normal. With the reconstruction a mean over 45 numbers,
 more than a few thousandths makes the latent collapse."""
+_SAMPLES = 256
+"""A mean over so many samples goes back through the layers as it is."""
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 
@@ -41,11 +44,6 @@ def noise_scale_per_env(robots: int, settings: PpoSettings) -> torch.Tensor:
     place = torch.arange(robots + 1, dtype=torch.float64) * settings.low_noise_fraction + 1e-9
     low = place.floor().diff() > 0.0
     return torch.where(low, settings.low_noise_scale, 1.0)
-
-
-def entropy(std: torch.Tensor) -> torch.Tensor:
-    """Entropy of a diagonal Gaussian ``()`` with deviations ``(k,)``."""
-    return (0.5 + 0.5 * _LOG_TWO_PI + std.log()).sum()
 
 
 def divergence(
@@ -114,37 +112,86 @@ class PolicyBatch(NamedTuple):
     returns: torch.Tensor
 
 
-def decide_and_value(
-    actor: Actor, critic: Critic, actor_input: torch.Tensor, privileged: torch.Tensor, settings: PpoSettings
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean actions ``(m, k)`` and values ``(m,)`` in the precision of the settings.
+def precision_of(settings: PpoSettings) -> torch.dtype:
+    """Of the products in policy and critic, in rollout and update alike: the likelihood ratio then compares
+    policies, not number formats."""
+    return torch.float16 if settings.precision == "float16" else torch.float32
 
-    Rollout and update both call this: the likelihood ratio then compares policies, not number formats.
+
+class PolicyLosses(NamedTuple):
+    """PPO's losses, and the gradient of ``surrogate + value loss - weight * entropy``.
+
+    Attributes:
+        parts: surrogate, value loss, entropy, divergence ``(4,)``.
+        mean: gradient by the mean actions ``(m, k)``.
+        std: gradient by the policy's deviations ``(k,)``.
+        value: gradient by the values ``(m,)``.
     """
-    with torch.autocast(privileged.device.type, torch.float16, enabled=settings.precision == "float16"):
-        mean, value = actor.decide(actor_input), critic(privileged)
-    return mean.float(), value.float()
+
+    parts: torch.Tensor
+    mean: torch.Tensor
+    std: torch.Tensor
+    value: torch.Tensor
 
 
 def policy_losses(
-    actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient.
+    mean: torch.Tensor,
+    std: torch.Tensor,
+    value: torch.Tensor,
+    batch: PolicyBatch,
+    old_std: torch.Tensor,
+    settings: PpoSettings,
+) -> PolicyLosses:
+    """Losses of mean actions ``(m, k)``, the policy's deviations ``(k,)`` and values ``(m,)``.
 
     Entropy and divergence are those of the policy with all its noise: a few robots with little noise, for
     whom the same change of the mean is many deviations, shall not set the pace.
     """
-    mean, value = decide_and_value(actor, critic, batch.actor_input, batch.privileged, settings)
-    noise = robot_noise(actor.std, batch.noise_scale)
+    samples, clip = len(value), settings.clip
+    noise = robot_noise(std, batch.noise_scale)
+    scaled = (batch.action - mean) / noise
     ratio = torch.exp(log_probability(batch.action, mean, noise) - batch.log_probability)
-    limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
-    surrogate = torch.maximum(-batch.advantage * ratio, -batch.advantage * limited).mean()
-    near = batch.value + (value - batch.value).clamp(-settings.clip, settings.clip)
-    value_loss = torch.maximum((value - batch.returns).square(), (near - batch.returns).square()).mean()
-    bonus = entropy(actor.std)
-    loss = surrogate + value_loss - settings.entropy * bonus
-    moved = divergence(batch.mean, old_std, mean.detach(), actor.std.detach())
-    return loss, torch.stack((surrogate.detach(), value_loss.detach(), bonus.detach(), moved))
+    free, limited = -batch.advantage * ratio, -batch.advantage * ratio.clamp(1.0 - clip, 1.0 + clip)
+    by_log_probability = torch.where(free >= limited, free, 0.0)[:, None] / (samples * noise)
+    by_std = (by_log_probability * (scaled.square() - 1.0) * batch.noise_scale[:, None]).sum(0)
+    change, error = value - batch.value, value - batch.returns
+    near_error = batch.value + change.clamp(-clip, clip) - batch.returns
+    by_near = torch.where(change.abs() <= clip, near_error, 0.0)
+    by_value = torch.where(error.square() >= near_error.square(), error, by_near)
+    parts = (
+        torch.maximum(free, limited).mean(),
+        torch.maximum(error.square(), near_error.square()).mean(),
+        (0.5 + 0.5 * _LOG_TWO_PI + std.log()).sum(),
+        divergence(batch.mean, old_std, mean, std),
+    )
+    return PolicyLosses(
+        parts=torch.stack(parts),
+        mean=by_log_probability * scaled,
+        std=by_std - settings.entropy / std,
+        value=by_value * (2.0 / samples),
+    )
+
+
+def policy_gradients(
+    actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
+) -> tuple[list[torch.Tensor], torch.Tensor]:
+    """Gradients of policy, its deviations and critic, in this order, and the losses' parts ``(4,)``."""
+    precision = precision_of(settings)
+    mean, decisions = actor.policy.recorded(actor.policy_input(batch.actor_input), precision)
+    value, valuations = critic.value.recorded(critic.value_input(batch.privileged), precision)
+    losses = policy_losses(mean, actor.std, value[:, 0], batch, old_std, settings)
+    scale = loss_scale(len(mean))
+    of_policy, _ = actor.policy.gradients(decisions, scale * losses.mean)
+    of_critic, _ = critic.value.gradients(valuations, scale * losses.value[:, None])
+    return [*of_policy, scale * losses.std, *of_critic], losses.parts
+
+
+def loss_scale(samples: int) -> float:
+    """By what losses are made larger before they go back through the layers: a power of two.
+
+    Half precision loses a single sample's share of a mean over tens of thousands.
+    """
+    return 2.0 ** round(math.log2(max(1.0, samples / _SAMPLES)))
 
 
 def adapted_learning_rate(
@@ -174,26 +221,39 @@ class EstimatorBatch(NamedTuple):
     noise: torch.Tensor
 
 
-def estimator_losses(actor: Actor, batch: EstimatorBatch) -> tuple[torch.Tensor, torch.Tensor]:
-    """The loss ``()``; velocity-height, contact, reconstruction and latent losses ``(4,)`` without gradient.
+def estimator_gradients(actor: Actor, batch: EstimatorBatch) -> tuple[list[torch.Tensor], torch.Tensor]:
+    """Gradients of encoder and decoder; velocity-height, contact, reconstruction and latent losses ``(4,)``.
 
     Mean squared error on the scaled velocity and height, binary cross-entropy on the contacts, mean squared
     error of the decoded next frame where the episode goes on, and the divergence of the latent from a
     standard normal, a mean over samples like the others (a sum would drown them).
     """
-    encoding = actor.estimator(actor.normalized_frames(batch.history))
-    state = functional.mse_loss(
-        encoding.raw[:, :CONTACT_START], actor.estimator.scaled_privileged(batch.privileged)
-    )
-    contact = functional.binary_cross_entropy_with_logits(
-        encoding.raw[:, CONTACT_START:], batch.privileged[:, CONTACT_START:]
-    )
-    target = actor.normalized_frames(batch.next_frame)
-    decoded = actor.estimator.decode(encoding, batch.noise) * actor.seen
-    error = (decoded - target).square().mean(1)
-    reconstruction = (error * batch.valid).sum() / batch.valid.sum().clamp(min=1.0)
-    spread = encoding.log_variance
-    latent = 0.5 * (encoding.mean.square() + spread.exp() - spread - 1.0).sum(1).mean()
-    parts = torch.stack((state, contact, reconstruction, latent))
-    loss = state + CONTACT_WEIGHT * contact + reconstruction + LATENT_WEIGHT * latent
-    return loss, parts.detach()
+    estimator, samples = actor.estimator, len(batch.history)
+    encoding, encodings = estimator.recorded(actor.normalized_frames(batch.history))
+    log_variance = encoding.log_variance.clamp(*LOG_VARIANCE_RANGE)
+    variance, spread = log_variance.exp(), torch.exp(0.5 * log_variance) * batch.noise
+    decoded, decodings = estimator.decoder.recorded(torch.cat((encoding.raw, encoding.mean + spread), 1))
+    error = (decoded - actor.normalized_frames(batch.next_frame)) * actor.seen
+    share = batch.valid[:, None] / (batch.valid.sum().clamp(min=1.0) * error.shape[1])
+    of_decoder, back = estimator.decoder.gradients(decodings, 2.0 * share * error)
+    by_raw, by_latent = estimator.decoder.input_gradient(back).split((ESTIMATE_SIZE, spread.shape[1]), 1)
+    known, by_known = _known_losses(encoding.raw, actor.estimator.scaled_privileged(batch.privileged))
+    weight = LATENT_WEIGHT / samples
+    by_log_variance = 0.5 * (by_latent * spread + weight * (variance - 1.0))
+    by_log_variance = torch.where(encoding.log_variance == log_variance, by_log_variance, 0.0)
+    gradient = torch.cat((by_raw + by_known, by_latent + weight * encoding.mean, by_log_variance), 1)
+    of_encoder, _ = estimator.encoder.gradients(encodings, gradient)
+    latent = 0.5 * (encoding.mean.square() + variance - log_variance - 1.0).sum() / samples
+    return [*of_encoder, *of_decoder], torch.stack((*known, (share * error.square()).sum(), latent))
+
+
+def _known_losses(
+    raw: torch.Tensor, wanted: torch.Tensor
+) -> tuple[tuple[torch.Tensor, torch.Tensor], torch.Tensor]:
+    """Velocity-height and contact loss ``()``, and their gradient by the raw estimate ``(m, 8)``."""
+    error, logits = raw[:, :CONTACT_START] - wanted[:, :CONTACT_START], raw[:, CONTACT_START:]
+    contact = wanted[:, CONTACT_START:]
+    losses = error.square().mean(), functional.binary_cross_entropy_with_logits(logits, contact)
+    by_state = error * (2.0 / error.numel())
+    by_contact = (torch.sigmoid(logits) - contact) * (CONTACT_WEIGHT / logits.numel())
+    return losses, torch.cat((by_state, by_contact), 1)

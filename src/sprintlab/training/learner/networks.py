@@ -7,25 +7,23 @@ clean frame and the true ``e`` (DESIGN of the paper, section III).
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
-from sprintlab.training.learner.equivariant import COLUMNS, LastLayer, SymmetricPerceptron, SymmetricTrunk
 from sprintlab.training.learner.mirror import (
     ESTIMATE_MIRROR,
     HANDEDNESS_MIRROR,
+    Basis,
     Mirror,
     frame_mirror,
     joint_mirror,
     paired,
     signed,
 )
+from sprintlab.training.learner.perceptron import Perceptron, Tape
 from sprintlab.training.settings import NORMALIZER_FLOOR, EstimatorSettings, PpoSettings, TrainingSettings
 
 VELOCITY_SIZE, CONTACT_START = 3, 4
@@ -34,61 +32,7 @@ VELOCITY_SCALE, HEIGHT_SCALE = 0.5, 10.0
 would drown all else."""
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
-_LOG_VARIANCE_RANGE = (-8.0, 4.0)
-
-
-class FirstLinear(nn.Linear):
-    """A first layer whose input is filled up with zeros to a multiple of eight numbers.
-
-    The fast matrix kernels of a GPU read eight numbers of 16 bits at once; for 69 or 53 columns cuBLAS falls
-    back to kernels of an older generation, on which an H200 spent 15 % of the update.
-    """
-
-    def __init__(self, inputs: int, outputs: int) -> None:
-        self._fill = -inputs % COLUMNS
-        super().__init__(inputs + self._fill, outputs)
-        with torch.no_grad():
-            self.weight[:, inputs:] = 0.0  # nothing ever reaches them, no gradient either
-
-    def forward(self, input: torch.Tensor) -> torch.Tensor:
-        """As ``torch.nn.Linear`` ``(..., inputs)``."""
-        return functional.linear(functional.pad(input, (0, self._fill)), self.weight, self.bias)
-
-    def trimmed(self) -> nn.Linear:
-        """The same layer with as many columns as there are inputs."""
-        layer = nn.Linear(self.in_features - self._fill, self.out_features)
-        with torch.no_grad():
-            layer.weight.copy_(self.weight[:, : layer.in_features])
-            layer.bias.copy_(self.bias)
-        return layer
-
-
-def trim(network: nn.Module) -> None:
-    """Replace every ``FirstLinear`` in a network by its ``trimmed`` layer, in place."""
-    for module in list(network.modules()):
-        for name, child in list(module.named_children()):
-            if isinstance(child, FirstLinear):
-                setattr(module, name, child.trimmed())
-
-
-class LastLinear(nn.Linear):
-    """A last layer: in single precision also where the layers before it are not.
-
-    A value of 20 has steps of 0.1 in eight bits, and the reward of a policy step is a few hundredths.
-    """
-
-    def forward(self, input: torch.Tensor) -> torch.Tensor:
-        """As ``torch.nn.Linear``, in single precision."""
-        with torch.autocast(input.device.type, enabled=False):
-            return functional.linear(input.float(), self.weight, self.bias)
-
-
-def perceptron(sizes: Sequence[int]) -> nn.Sequential:
-    """Linear layers of these widths with ELU between them; two widths are one layer, the last."""
-    layers: list[nn.Module] = [FirstLinear(sizes[0], sizes[1]), nn.ELU()] if len(sizes) > 2 else []
-    for narrow, wide in itertools.pairwise(sizes[1:-1]):
-        layers += [nn.Linear(narrow, wide), nn.ELU()]
-    return nn.Sequential(*layers, LastLinear(sizes[-2], sizes[-1]))
+LOG_VARIANCE_RANGE = (-8.0, 4.0)
 
 
 class Normalizer(nn.Module):
@@ -151,7 +95,7 @@ class Encoding(NamedTuple):
     Attributes:
         raw: the estimate in training units: scaled velocity and height, contact logits ``(n, 8)``.
         mean: of the latent ``(n, z)``.
-        log_variance: of the latent ``(n, z)``.
+        log_variance: of the latent, before it is limited ``(n, z)``.
     """
 
     raw: torch.Tensor
@@ -173,32 +117,24 @@ class Estimator(nn.Module):
         self, observation: Observation, settings: EstimatorSettings, height: float, symmetric: bool = False
     ) -> None:
         super().__init__()
-        self.settings, self._height = settings, height
-        build = self._build_symmetric if symmetric else self._build_plain
-        build(observation, settings)
+        self._height, self._sizes = height, (ESTIMATE_SIZE, settings.latent, settings.latent)
 
-    def _build_plain(self, observation: Observation, settings: EstimatorSettings) -> None:
-        trunk, features = perceptron((observation.input_size, *settings.encoder)), settings.encoder[-1]
-        self.encoder = nn.Sequential(trunk, nn.ELU())
-        self.estimate_head = nn.Linear(features, ESTIMATE_SIZE)
-        self.mean_head, self.log_variance_head = (nn.Linear(features, settings.latent) for _ in range(2))
-        self.decoder = perceptron(
-            (ESTIMATE_SIZE + settings.latent, *settings.decoder, observation.frame_size)
-        )
+        def basis(*mirrors: Mirror) -> Basis:
+            return _basis(symmetric, *mirrors)
 
-    def _build_symmetric(self, observation: Observation, settings: EstimatorSettings) -> None:
-        frame, latent, features = frame_mirror(observation), paired(settings.latent), settings.encoder[-1]
-        history = Mirror((), ()).joined(*[frame] * observation.history_length)
-        self.encoder = SymmetricTrunk(history, settings.encoder)
-        self.estimate_head = LastLayer(features, ESTIMATE_MIRROR)
-        self.mean_head, self.log_variance_head = (LastLayer(features, latent) for _ in range(2))
-        self.decoder = SymmetricPerceptron(ESTIMATE_MIRROR.joined(latent), settings.decoder, frame)
+        frame, latent = frame_mirror(observation), paired(settings.latent)
+        history, encoding = [frame] * observation.history_length, (ESTIMATE_MIRROR, latent, latent)
+        self.encoder = Perceptron(basis(*history), settings.encoder, basis(*encoding))
+        self.decoder = Perceptron(basis(ESTIMATE_MIRROR, latent), settings.decoder, basis(frame))
 
     def forward(self, history: torch.Tensor) -> Encoding:
         """Encode normalized histories ``(n, H * 45)``."""
-        features = self.encoder(history)
-        log_variance = self.log_variance_head(features).clamp(*_LOG_VARIANCE_RANGE)
-        return Encoding(self.estimate_head(features), self.mean_head(features), log_variance)
+        return self.recorded(history)[0]
+
+    def recorded(self, history: torch.Tensor) -> tuple[Encoding, Tape]:
+        """The encoding, and what the encoder's ``gradients`` needs."""
+        output, tape = self.encoder.recorded(history)
+        return Encoding(*output.split(self._sizes, 1)), tape
 
     def physical(self, raw: torch.Tensor) -> torch.Tensor:
         """The estimate in SI units: velocity [m/s], height [m], contact probability ``(n, 8)``."""
@@ -207,15 +143,10 @@ class Estimator(nn.Module):
         return torch.cat((velocity, height, torch.sigmoid(raw[:, CONTACT_START:])), 1)
 
     def scaled_privileged(self, privileged: torch.Tensor) -> torch.Tensor:
-        """True velocity and height in training units ``(n, 4)``, from ``(n, 8)``."""
+        """True velocity, height and contacts in training units ``(n, 8)``, from those in SI units."""
         velocity = privileged[:, :VELOCITY_SIZE] * VELOCITY_SCALE
         height = (privileged[:, VELOCITY_SIZE:CONTACT_START] - self._height) * HEIGHT_SCALE
-        return torch.cat((velocity, height), 1)
-
-    def decode(self, encoding: Encoding, noise: torch.Tensor) -> torch.Tensor:
-        """The next normalized frame ``(n, 45)``, from a latent sampled with ``noise`` ``(n, z)``."""
-        latent = encoding.mean + torch.exp(0.5 * encoding.log_variance) * noise
-        return self.decoder(torch.cat((encoding.raw, latent), 1))
+        return torch.cat((velocity, height, privileged[:, CONTACT_START:]), 1)
 
 
 class Actor(nn.Module):
@@ -237,16 +168,14 @@ class Actor(nn.Module):
         known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
         self.normalizer = Normalizer(known.size, known if self.symmetric else None)
         self.estimator = Estimator(observation, estimator, height, self.symmetric)
-        if self.symmetric:
-            inward = known.joined(paired(estimator.latent), HANDEDNESS_MIRROR)
-            self.policy = SymmetricPerceptron(inward, ppo.hidden, joint_mirror(joints))
-        else:
-            self.policy = perceptron((known.size + estimator.latent, *ppo.hidden, joints))
+        seen = (known, paired(estimator.latent), *_handedness(self.symmetric))
+        self.policy = Perceptron(
+            _basis(self.symmetric, *seen), ppo.hidden, _basis(self.symmetric, joint_mirror(joints))
+        )
         self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
-        seen = torch.ones(self.frame_size)
+        self.register_buffer("seen", torch.ones(self.frame_size), persistent=False)
         if not estimator.sees_command:
-            seen[observation.place("command")] = 0.0
-        self.register_buffer("seen", seen, persistent=False)
+            self.seen[observation.place("command")] = 0.0
 
     def normalized_frames(self, frames: torch.Tensor) -> torch.Tensor:
         """Frames ``(n, k * 45)`` as the estimator sees them: normalized with the statistics of one frame."""
@@ -274,10 +203,14 @@ class Actor(nn.Module):
             seen.append(torch.ones_like(estimate[:, :1]) if handedness is None else handedness)
         return torch.cat(seen, 1), estimate
 
-    def decide(self, actor_input: torch.Tensor) -> torch.Tensor:
-        """Mean action ``(n, joints)`` from the policy network's input ``(n, 70)``."""
+    def policy_input(self, actor_input: torch.Tensor) -> torch.Tensor:
+        """``actor_input`` ``(n, 70)`` with its known part normalized."""
         known = self.frame_size + ESTIMATE_SIZE
-        return self.policy(torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1))
+        return torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1)
+
+    def decide(self, actor_input: torch.Tensor, precision: torch.dtype = torch.float32) -> torch.Tensor:
+        """Mean action ``(n, joints)`` from the policy network's input ``(n, 70)``."""
+        return self.policy(self.policy_input(actor_input), precision)
 
     def forward(
         self, observation: torch.Tensor, previous_estimate: torch.Tensor
@@ -295,12 +228,26 @@ class Critic(nn.Module):
         known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
         self._known = known.size
         self.normalizer = Normalizer(known.size, known if settings.symmetric else None)
-        if settings.symmetric:
-            self.value = SymmetricPerceptron(known.joined(HANDEDNESS_MIRROR), settings.hidden, signed(1.0))
-        else:
-            self.value = perceptron((known.size, *settings.hidden, 1))
+        seen = (known, *_handedness(settings.symmetric))
+        self.value = Perceptron(
+            _basis(settings.symmetric, *seen), settings.hidden, _basis(settings.symmetric, signed(1.0))
+        )
 
-    def forward(self, privileged: torch.Tensor) -> torch.Tensor:
-        """Value ``(n,)`` of what the critic sees ``(n, 54)``; ``(n, 53)`` where it is not symmetric."""
+    def value_input(self, privileged: torch.Tensor) -> torch.Tensor:
+        """``privileged`` with its known part normalized."""
         known = self.normalizer(privileged[:, : self._known])
-        return self.value(torch.cat((known, privileged[:, self._known :]), 1))[:, 0]
+        return torch.cat((known, privileged[:, self._known :]), 1)
+
+    def forward(self, privileged: torch.Tensor, precision: torch.dtype = torch.float32) -> torch.Tensor:
+        """Value ``(n,)`` of what the critic sees ``(n, 54)``; ``(n, 53)`` where it is not symmetric."""
+        return self.value(self.value_input(privileged), precision)[:, 0]
+
+
+def _handedness(symmetric: bool) -> tuple[Mirror, ...]:
+    return (HANDEDNESS_MIRROR,) if symmetric else ()
+
+
+def _basis(symmetric: bool, *mirrors: Mirror) -> Basis:
+    """Of a vector of several parts."""
+    mirror = Mirror((), ()).joined(*mirrors)
+    return Basis(mirror.size, mirror if symmetric else None)

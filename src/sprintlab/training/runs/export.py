@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import io
 import tempfile
 from pathlib import Path
@@ -29,7 +28,7 @@ from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.reading import refused_as_damaged
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
-from sprintlab.training.learner.networks import Actor, trim
+from sprintlab.training.learner.networks import Actor
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -88,8 +87,7 @@ def export_checkpoint(
 
 
 def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
-    network, buffer = copy.deepcopy(network), io.BytesIO()
-    trim(network)
+    buffer = io.BytesIO()
     names = ["observation", "previous_estimate", "action", "estimate"]
     torch.onnx.export(
         network,
