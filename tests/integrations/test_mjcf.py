@@ -156,11 +156,10 @@ def test_a_failing_controller_leaves_no_callback_behind():
     with pytest.raises(ZeroDivisionError), motor_callback(model, lambda _: 0.0, motors):
         raise ZeroDivisionError
     assert mujoco.get_mjcb_control() is None
-    with (
-        pytest.raises(InvalidValueError, match="hip"),
-        motor_callback(model, lambda _: 0.0, robot_motors("go1")),
-    ):
-        pass
+    with pytest.raises(InvalidValueError, match="hip"):
+        motor_callback(model, lambda _: 0.0, robot_motors("go1")).__enter__()
+    with pytest.raises(InvalidValueError, match="must be one motor"):
+        dc_motor(stack_motors([actuator.motor, actuator.motor]), actuator.gear, 24.0)
 
 
 def test_a_robots_motors_become_elements_by_joint_name():
@@ -170,11 +169,3 @@ def test_a_robots_motors_become_elements_by_joint_name():
     assert found["RL_calf_joint"].ratio == pytest.approx(float(robot.gear.ratio[8]))
     model = pendulum("".join(element.element(name) for name, element in found.items()), joints)
     assert model.actuator_gear[:, 0] == pytest.approx([element.ratio for element in found.values()])
-
-
-def test_several_motors_in_one_element_are_refused():
-    actuator = load_library_motor("mit-mini-cheetah")
-    with pytest.raises(InvalidValueError, match="must be one motor"):
-        dc_motor(stack_motors([actuator.motor, actuator.motor]), actuator.gear, 24.0)
-    with pytest.raises(InvalidValueError, match="bus_voltage"):
-        dc_motor(actuator.motor, actuator.gear, -1.0)

@@ -52,6 +52,7 @@ def found(example, tmp_path_factory):
 @pytest.mark.slow
 def test_each_law_delivers_what_it_says(example, found):
     motor, gear, bus_voltage = example.model_drives(load_robot("go1"))
+    assert gear.ratio.tolist() == [6.0, 6.0, 9.0] * 4
     limit = np.tile([23.7, 23.7, 35.55], 4)
     for law, walks in found.items():
         for one in walks:
@@ -78,7 +79,3 @@ def test_it_prints_and_draws_what_it_walked(example, found, tmp_path, monkeypatc
     assert printed["refined_2"]["held_m_s"] == round(found["refined"][1].held, 3)
     assert printed["refined_2"]["impossible_work_share"] == 0.0
     assert figure.read_bytes().startswith(b"\x89PNG")
-
-
-def test_motors_stand_where_mjlabs_joints_stand(example):
-    assert example.model_drives(load_robot("go1")).gear.ratio.tolist() == [6.0, 6.0, 9.0] * 4

@@ -48,6 +48,7 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     model = example.compiled(example.load_text(tmp_path / "go2.xml"), robot)
     assert model.nmesh == 0 and (model.dof_damping[6:] == robot.viscous_friction[0]).all()
     drives = example.drives(model, robot)
+    assert drives.gear.ratio.tolist() == pytest.approx([6.33, 6.33, 12.13] * 4, abs=0.01)
     own, refined = example.jump(model), example.jump(model, example.robot_motors(robot))
     assert 0.05 < refined.height < own.height - 0.05
     peaks = np.tile(list(PEAKS.values()), 4)
@@ -56,12 +57,6 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     np.testing.assert_allclose(refined.delivered, np.clip(law, -peaks, peaks), atol=1e-9)
     assert 0.2 < example.impossible_share(own, drives) < 1.0
     assert example.impossible_share(refined, drives) < 1e-6
-
-
-def test_gears_stand_where_the_models_actuators_stand(example, tmp_path):
-    robot = example.load_robot("go2")
-    _, gear, _ = example.drives(example.compiled(example.load_text(tmp_path / "go2.xml"), robot), robot)
-    assert gear.ratio.tolist() == pytest.approx([6.33, 6.33, 12.13] * 4, abs=0.01)
 
 
 def test_it_runs_from_the_command_line(example, tmp_path, monkeypatch, capsys):

@@ -95,20 +95,16 @@ def test_every_physics_step_goes_through_the_law(stage):
     assert np.asarray(found.qvel) == pytest.approx(expected.qvel, abs=2e-2)
 
 
-def test_the_model_gets_the_rotors_and_loses_its_own_limits(stage):
+def test_the_model_gets_the_rotors_and_the_step_the_signature_of_playgrounds_own(stage):
     model, motors = legs(), robot_motors("go1")
     stage.MotorStep(model, motors, stiffness=90.0, damping=1.0)
     values = motors.parameters(NAMES)
     assert model.dof_armature == pytest.approx(values["rotor_inertia"] * values["gear_ratio"] ** 2)
     assert not model.actuator_forcelimited.any() and not model.dof_damping.any()
-    with pytest.raises(InvalidValueError, match="FL_calf_joint"):
-        stage.MotorStep(model, motors.ordered(["FL_thigh_joint", "FL_calf_joint"]), 90.0, 1.0)
-
-
-def test_it_is_called_as_playgrounds_own_step(stage):
-    """The signature of ``mjx_env.step`` in Playground 0.2.0, or of the one that is installed."""
-    expected = ["model", "data", "action", "n_substeps"]
+    expected = ["model", "data", "action", "n_substeps"]  # of mjx_env.step in Playground 0.2.0
     if importlib.util.find_spec("mujoco_playground") is not None:
         own = importlib.import_module("mujoco_playground._src.mjx_env").step
         expected = list(inspect.signature(own).parameters)
     assert list(inspect.signature(stage.MotorStep.__call__).parameters)[1:] == expected
+    with pytest.raises(InvalidValueError, match="FL_calf_joint"):
+        stage.MotorStep(model, motors.ordered(["FL_thigh_joint", "FL_calf_joint"]), 90.0, 1.0)
