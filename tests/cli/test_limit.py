@@ -49,9 +49,3 @@ def test_the_limit_as_a_table(call, tmp_path):
     assert outcome.status == 0
     assert "Speed limit (upper estimate)" in outcome.out
     assert "stride: frequency" in outcome.out
-
-
-@pytest.mark.usefixtures("searched_once")
-def test_no_results_are_needed(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert json.loads(call("limit", "go1", *QUICK, "--json").out)["trained"] == []

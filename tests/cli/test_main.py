@@ -90,11 +90,6 @@ def test_what_is_typed_arrives_as_the_function_takes_it(said):
     )
 
 
-def test_what_is_left_out_is_the_functions_default(said):
-    status, found = said("here")
-    assert (status, found["paths"], found["robot"], found["wind"]) == (2, "()", "None", "Wind(gust=0.0)")
-
-
 def test_help_is_the_docstring(call, said):
     text = call("say", "--help").out
     for shown in ("Say what was given.", "how often.", "of the day.", "--gust", "--json"):
@@ -214,12 +209,6 @@ def test_a_reader_that_leaves_early_is_no_error():
     assert done.returncode == 0 and "Traceback" not in done.stderr
 
 
-def test_the_package_runs_as_a_module():
-    words = [sys.executable, "-m", "sprintlab", "robot", "show", "no-robot"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 2 and "'no-robot'" in done.stderr
-
-
 def test_an_interruption_ends_with_130(call, monkeypatch):
     def interrupt(_):
         raise KeyboardInterrupt
@@ -235,11 +224,3 @@ def test_progress_is_told_where_stderr_is_not_a_terminal(monkeypatch, capsys):
     with progress_bar(quiet=True) as report:
         report("in silence", 0.5)
     assert capsys.readouterr().err == "running trials: 50 %, about 0 s left\n"
-
-
-def test_a_robot_has_a_row_for_every_parameter(call):
-    rows = json.loads(call("robot", "show", "bp2", "--json").out)
-    assert len(rows) > 50 and all(row["basis"] and row["unit"] for row in rows)
-    shown = call("robot", "show").out
-    assert all(row["quantity"] in shown for row in rows) and "\x1b" not in shown
-    assert json.loads(call("robot", "list", "--json").out) == call("robot", "list").out.split()

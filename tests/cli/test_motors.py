@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sprintlab as sl
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, library_motors, load_library_motor, load_motor
 from sprintlab.robots import load_robot
 from sprintlab.workbench.datasheet_file import ENTRIES, load_datasheet
@@ -51,17 +51,6 @@ def test_an_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(answer):
     assert shown["no_load_speed"] == pytest.approx(8.25 * found["no_load_speed"])
 
 
-def test_the_gear_moves_torque_and_speed(answer):
-    motor = ("envelope", MOTOR, "--bus-voltage", 48, "--points", 2)
-    alone, geared = answer(*motor), answer(*motor, "--gear-ratio", 6, "--gear-efficiency", 0.9)
-    assert geared["no_load_speed"] == pytest.approx(alone["no_load_speed"] / 6)
-    resting, driving = (row["square upper"] for row in geared["rows"])
-    peak = alone["rows"][0]["square upper"]
-    assert resting == pytest.approx(6.0 * peak) and driving == pytest.approx(5.4 * peak)
-    found = answer("envelope", "mit-mini-cheetah", "--points", 2)
-    assert found["gear"] == {"ratio": 6.0, "efficiency": 1.0} and found["bus_voltage"] == 24.0
-
-
 def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
     speed, torque = np.zeros((2, 12)), np.zeros((2, 12))
     speed[1, 1::3], torque[1, 1::3] = 10.0, 40.0  # the hips
@@ -75,16 +64,6 @@ def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
     for text in ("Operating points", "d-axis voltage costs", "no-load speed", "braking", "v_d = 0"):
         assert text in out
     assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_picture_that_finds_no_room_takes_no_numbers_with_it(call, tmp_path, monkeypatch):
-    def full(path, figure):
-        raise SprintlabError(f"{path} cannot be written: No space left on device")
-
-    monkeypatch.setattr("sprintlab.core.theme.save_figure", full)
-    outcome = call("motor", "envelope", "--figure", tmp_path / "envelope.png", "--json")
-    assert outcome.status == 2 and "No space left on device" in outcome.err
-    assert json.loads(outcome.out)["figure"].endswith("envelope.png")
 
 
 def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
@@ -190,10 +169,3 @@ def test_a_torque_current_table_gives_the_saturation_alone(call, answer, tmp_pat
     assert outcome.status == 1 and "no description" in outcome.out
     outcome = call("motor", "identify", tmp_path / "table.csv", *TABLE[1:], "--output", tmp_path / "m.toml")
     assert outcome.status == 2 and not (tmp_path / "m.toml").exists()
-
-
-@pytest.mark.usefixtures("full_disk")
-def test_what_was_identified_is_not_lost_with_the_motor_file(call, tmp_path):
-    outcome = call("motor", "identify", BENCH, "--base", MOTOR, "--output", tmp_path / "found.toml")
-    assert outcome.status == 2 and "found.toml: No space left on device" in outcome.err
-    assert "stator_resistance" in outcome.out and "motor file" not in outcome.out

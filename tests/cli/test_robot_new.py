@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 import sprintlab as sl
-from sprintlab.robots.importing import source
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 OPTIONS = (
@@ -39,19 +38,6 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     assert call("robot", "show", "robots/mydog").status == 0
     envelope = call("motor", "envelope", "mydog", "knee", "--points", 3, "--json")
     assert envelope.status == 0
-
-
-def test_options_alone_are_enough(call, here, monkeypatch):
-    compilations = []
-    compiled = source.compiled
-    monkeypatch.setattr(source, "compiled", lambda path: compilations.append(path) or compiled(path))
-    made = call("robot", "new", GO1 / "go1.xml", *OPTIONS, "--json")
-    assert made.status == 0
-    assert len(compilations) == 1  # each may take seven seconds
-    answer = json.loads(made.out)
-    assert answer["robot"] == "go1"
-    assert {check["what"] for check in answer["checks"]} >= {"mass", "inertia matrix", "feet", "limits"}
-    assert (here / "robots" / "go1" / "parameters.toml").is_file()
 
 
 def test_what_nothing_says_is_asked_at_a_terminal(call, here, monkeypatch):

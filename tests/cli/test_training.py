@@ -51,14 +51,6 @@ def test_settings_made_in_python_are_trained_as_they_are(tmp_path):
         sl.train(3, dry_run=True)
 
 
-@pytest.mark.parametrize("text", ["1\n", '{"reward": "x"}\n'])
-def test_a_trainings_log_holds_rows_of_numbers(tmp_path, text):
-    (tmp_path / "log.jsonl").write_text(text)
-    training = sl.Training(numbers={}, shown=[], draw=None, folder=tmp_path)
-    with pytest.raises(sl.SprintlabError, match="not a row of numbers"):
-        training.log()
-
-
 def listed(call, *arguments):
     outcome = call("sweep", *arguments, "--dry-run", "--json")
     assert outcome.status == 0
