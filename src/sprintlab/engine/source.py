@@ -32,6 +32,7 @@ from sprintlab.robots import (
     RobotDescription,
     build_model,
     effective_leg_mass,
+    foot_masses,
 )
 
 BUS_STEPS = 12
@@ -99,29 +100,15 @@ def engine_model(robot: RobotDescription, options: EngineOptions) -> EngineModel
         raise RobotModelError(
             f"the engine cannot simulate this robot: its legs' joints are {read}, not {names}"
         )
+    x, y, z = np.mean(foot_masses(model, np.arange(model.nv)), axis=0)
     return EngineModel(
         robot=robot,
         model=model,
         tree=tree,
         options=options,
         leg_mass=effective_leg_mass(model),
-        foot_mass=_foot_mass(model),
+        foot_mass=(float(z), float(math.sqrt(x * y))),
     )
-
-
-def _foot_mass(model: mujoco.MjModel) -> tuple[float, float]:
-    """Least inertia at the feet, standing, every joint free: along the normal, and along the ground [kg]."""
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-    mujoco.mj_forward(model, data)
-    inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
-    masses = []
-    for geom in model.pair_geom2:
-        mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
-        masses.append(1.0 / np.diag(jacobian @ np.linalg.solve(inertia, jacobian.T)))
-    x, y, z = np.mean(masses, axis=0)
-    return float(z), float(math.sqrt(x * y))
 
 
 def source(engine: EngineModel, backend: str, given_torque: bool = False) -> str:

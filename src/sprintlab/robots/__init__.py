@@ -16,6 +16,7 @@ from sprintlab.robots.foot import RESTITUTION_BAND as RESTITUTION_BAND
 from sprintlab.robots.foot import STIFFNESS_BAND as STIFFNESS_BAND
 from sprintlab.robots.foot import FootContact as FootContact
 from sprintlab.robots.foot import effective_leg_mass as effective_leg_mass
+from sprintlab.robots.foot import foot_masses as foot_masses
 from sprintlab.robots.foot import set_friction as set_friction
 from sprintlab.robots.joint_motors import JointMotors as JointMotors
 from sprintlab.robots.joint_motors import match_joints as match_joints

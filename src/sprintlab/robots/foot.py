@@ -17,11 +17,14 @@ the pad's force themselves.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import RobotModelError
 
@@ -119,32 +122,41 @@ def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> N
 def effective_leg_mass(model: mujoco.MjModel) -> float:
     """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops.
 
-    Args:
-        model: with spheres named ``{leg}_foot`` and the keyframe ``stand``.
-
     Raises:
         RobotModelError: no finite mass comes out.
+    """
+    rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
+    mass = float(np.mean(foot_masses(model, rigid, (2,))))
+    if not (math.isfinite(mass) and mass > 0.0):
+        raise RobotModelError("the legs' masses and inertias are too far apart to be worked with")
+    return mass
+
+
+def foot_masses(
+    model: mujoco.MjModel, moving: NDArray[np.int_], axes: Sequence[int] = (0, 1, 2)
+) -> FloatArray:
+    """Mass that each foot shows along some of x, y and z ``(feet, axes)`` [kg], standing.
+
+    Args:
+        model: with spheres named ``{leg}_foot`` and the keyframe ``stand``.
+        moving: degrees of freedom that give way; the others are rigid.
+        axes: 0 for x, 1 for y, 2 for z.
     """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     mujoco.mj_forward(model, data)
     inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
-    masses = []
-    feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith("_foot")]
-    for geom in feet:
+    masses: list[FloatArray] = []
+    for geom in (geom for geom in range(model.ngeom) if model.geom(geom).name.endswith("_foot")):
         mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
-        vertical = jacobian[2, rigid]
+        along = jacobian[np.ix_(axes, moving)]
         try:
-            moved = np.linalg.solve(inertia[np.ix_(rigid, rigid)], vertical)
+            moved = np.linalg.solve(inertia[np.ix_(moving, moving)], along.T)
         except np.linalg.LinAlgError:
-            moved = np.full(len(vertical), np.nan)
-        masses.append(1.0 / (vertical @ moved))
-    mass = float(np.mean(masses))
-    if not (math.isfinite(mass) and mass > 0.0):
-        raise RobotModelError("the legs' masses and inertias are too far apart to be worked with")
-    return mass
+            moved = np.full(along.T.shape, np.nan)
+        masses.append(1.0 / np.diag(along @ moved))
+    return np.array(masses)
 
 
 def set_friction(model: mujoco.MjModel, friction: float) -> None:
