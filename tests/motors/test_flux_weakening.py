@@ -40,19 +40,6 @@ def voltages(motor, direct, quadrature, speed):
     )
 
 
-@given(MOTORS, SPEED_SHARES, BUSES, st.sampled_from([0, 1]))
-def test_the_current_at_a_bound_keeps_both_limits_and_touches_one(motor, share, bus, end):
-    speed = share * float(no_load_speed(motor, bus))
-    assume(not voltage_infeasible(motor, speed, bus, MODEL))
-    bound = torque_limits(motor, speed, bus, MODEL)[end]
-    direct, quadrature = dq_currents(motor, bound, speed, bus)
-    used_voltage = np.hypot(*voltages(motor, direct, quadrature, speed)) / phase_voltage_limit(bus)
-    used_current = math.hypot(direct, quadrature) / current_limit(motor)
-    assert used_voltage <= 1 + 1e-6
-    assert used_current <= 1 + 1e-9
-    assert max(used_voltage, used_current) == pytest.approx(1.0, rel=1e-6)
-
-
 @given(MOTORS, SPEED_SHARES, BUSES, st.floats(-1.0, 1.0))
 def test_no_smaller_current_gives_the_torque(motor, share, bus, torque_share):
     speed = share * float(no_load_speed(motor, bus))

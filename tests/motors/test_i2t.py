@@ -7,7 +7,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from scipy.integrate import solve_ivp
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
@@ -49,24 +48,6 @@ def test_the_peak_current_flows_for_its_duration_and_then_the_continuous_one(sur
     peak = peak_current(surrogate)
     assert np.allclose(currents[:3000], peak, rtol=1e-9)
     assert np.allclose(currents[3001:], continuous, rtol=1e-9)
-
-
-def test_the_level_is_the_balance_of_heat_over_any_course_of_currents():
-    """What flowed in, less what flowed off, is what is there: against SciPy's integrator."""
-    random = np.random.default_rng(7)
-    currents, time_constant, continuous = random.uniform(0.0, 14.0, 40), 5.0, 10.0
-    decay = math.exp(-0.1 / time_constant)
-    level = 0.0
-    for current in currents:
-        level = float(i2t_level(continuous, level, current**2, decay))
-
-    def rate(time, state):
-        current = currents[min(int(time / 0.1), 39)]
-        return [((current / continuous) ** 2 - state[0]) / time_constant]
-
-    expected = solve_ivp(rate, (0.0, 4.0), [0.0], max_step=0.01, rtol=1e-9, atol=1e-12).y[0, -1]
-    assert 0.1 < level < 1.0
-    assert level == pytest.approx(expected, abs=2e-3)  # the integrator does not know where the steps are
 
 
 @pytest.mark.parametrize("model", MOTOR_MODELS)

@@ -1,12 +1,9 @@
 """Faults that measured benches have: noisy steps of current, wrong zeros, gears, warm magnets, standstill."""
 
-import json
-
 import numpy as np
 import pytest
 from tests.motors.workbench.benches import bench, said
 
-from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.workbench.identification import identify
 
@@ -96,23 +93,3 @@ def test_a_flux_that_drifts_as_no_magnet_does_is_told():
         torque = shaft(current, speed) + drift * (temperature - 20.0) * CONSTANT * current + noise
         found = fitted(bench(current, torque, speed, temperature=temperature))
         assert said(found, "no magnet's") == unsound
-
-
-def test_the_command_reads_a_log_of_another_program(tmp_path, capsys):
-    """A date above the header, other names, a gear of 9 with a loss, and a load cell that reads 0.3 N m."""
-    current, speed, random = points(9, largest=20.0)
-    torque = 9.0 * shaft(current, speed, 0.9) + 0.3 + random.normal(0.0, 0.02, len(current))
-    rows = zip(current.tolist(), (speed / 9.0).tolist(), torque.tolist(), strict=True)
-    lines = ["2024-03-01 12:30", "motor amps,joint speed (rad/s),load cell"]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join([*lines, *(",".join(f"{value:.6f}" for value in row) for row in rows)]))
-    columns = ("iq=motor amps:A", "speed=joint speed (rad/s)", "torque=load cell:N m")
-    mapping = [word for column in columns for word in ("--column", column)]
-    options = ["--pole-pairs", str(PAIRS), "--peak-current", "60", "--gear-ratio", "9", "--json"]
-    status = main(
-        ["motor", "identify", str(path), *mapping, *options, "--also", "gear_efficiency", "torque_offset"]
-    )
-    found = json.loads(capsys.readouterr().out)["parameters"]
-    assert status == 0
-    for name, value in {"gear_efficiency": 0.9, "torque_offset": 0.3 / 9.0, "flux_linkage": FLUX}.items():
-        assert abs(found[name]["value"] - value) < 1.6 * found[name]["half_width_95"], name
