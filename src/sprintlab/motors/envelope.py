@@ -39,7 +39,7 @@ class _VoltageInterval(NamedTuple):
 def torque_limits(
     motor: PmsmParameters, speed: Array, bus_voltage: Array, model: MotorModel = "refined"
 ) -> tuple[Array, Array]:
-    """Least and greatest torque that the motor can give at a speed.
+    """Least and greatest torque that the motor can give at a mechanical speed [rad/s] on a DC bus [V].
 
     The whole admissible interval in all four quadrants: at positive speed ``upper`` bounds driving and
     ``lower`` braking; the resistive drop helps braking, so the interval is not symmetric. Above the
@@ -50,7 +50,10 @@ def torque_limits(
     speed is far higher, it reaches from there to zero.
 
     Returns:
-        ``(lower, upper)`` [N m], ``lower <= upper``, never NaN, within ``±peak_torque``.
+        ``(lower, upper)`` [N m], ``lower <= upper``, never NaN, within ``±peak_torque``, before saturation.
+
+    Raises:
+        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
     """
     check_choice("model", model, MOTOR_MODELS)
     if model == "square":
