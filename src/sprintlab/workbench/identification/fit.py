@@ -29,13 +29,13 @@ from sprintlab.workbench.identification.checks import (
     voltage_flux,
 )
 from sprintlab.workbench.identification.model import (
-    BOUNDS,
-    LEAST_WARMING,
     NEUTRAL,
     OPTIONAL_UNITS,
     PARAMETER_UNITS,
+    PARAMETERS,
     STANDING,
     Channel,
+    Sizes,
     channels,
     directions,
     turns,
@@ -67,17 +67,8 @@ _MOST_STEPS = 100  # of one round; fits that converge take some twenty
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
-_LARGEST_SHARES = {"flux_linkage": 0.1, "voltage_utilization": 0.1, "gear_efficiency": 0.1}
-_LARGEST_SHARE = 0.5  # half width over value beyond which any other parameter is not determined
-_LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
 _PART = 0.3  # least component of a parameter in a blind direction to be named
-_ABSENCES = {
-    "stator_resistance": "needs vq or power, or rows marked limited with a bus_voltage",
-    "q_axis_inductance": "needs vd, or rows marked limited with a bus_voltage",
-    "voltage_utilization": "needs a bus_voltage and rows marked limited",
-    "flux_drift": f"needs temperatures that differ by {LEAST_WARMING:g} K",
-}
 
 
 def identify(
@@ -175,11 +166,9 @@ class _Fit:
         self._names = (*PARAMETER_UNITS, *dict.fromkeys(also))
         seen = {name for channel in self._channels for name in channel.depends_on}
         self._free = [name for name in self._names if name in seen and name not in held]
-        self._flux = torque_flux(bench, pole_pairs)
-        self._sizes = self._largest()
-        guess = self._guess()
-        self._start = np.array([guess[name] for name in self._free])
-        self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
+        self._sizes = self._measured_sizes()
+        self._start = np.array([PARAMETERS[name].guess(self._sizes) for name in self._free])
+        self._idle = NEUTRAL | held
 
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
         """Fit, and say how good it is."""
@@ -217,36 +206,24 @@ class _Fit:
         noise = self._residual_spread(solution, noise, kept)
         return self._solve(solution.x, noise, kept, "linear"), kept
 
-    def _guess(self) -> dict[str, float]:
-        """A first guess of everything; also the unit in which the fit moves."""
-        flux, electrical = self._flux, voltage_flux(self._bench, self._pole_pairs)
-        resistance = electrical[1] if electrical is not None else 0.0
-        current, torque, speed, voltage, acceleration = self._sizes
-        return {
-            "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
-            "q_axis_inductance": 0.2 * voltage / (self._pole_pairs * speed * current),
-            "flux_linkage": flux,
-            "flux_drift": 1e-3,
-            "torque_offset": 0.01 * torque,
-            "current_offset": 0.01 * current,
-            "gear_efficiency": 0.9,
-            "rotor_inertia": 0.02 * torque / acceleration,
-            "saturation": 0.1,
-            "coulomb_friction": 0.02 * torque,
-            "viscous_friction": 0.02 * torque / speed,
-            "voltage_utilization": VOLTAGE_UTILIZATION,
-        }
-
-    def _largest(self) -> tuple[float, float, float, float, float]:
-        """Largest current [A], torque [N m], speed [rad/s], voltage [V] and acceleration [rad/s^2]."""
-        bench = self._bench
-        current, torque = _largest(bench.current), _largest(bench.torque)
+    def _measured_sizes(self) -> Sizes:
+        bench, flux = self._bench, torque_flux(self._bench, self._pole_pairs)
         speed = 1.0 if bench.speed is None else max(_largest(bench.speed), 1e-6)
-        voltage = self._pole_pairs * speed * self._flux
+        voltage = self._pole_pairs * speed * flux
         if bench.q_voltage is not None:
             voltage = max(_largest(bench.q_voltage), 1e-6)
-        acceleration = 1.0 if bench.acceleration is None else max(_largest(bench.acceleration), 1e-6)
-        return current, torque, speed, voltage, acceleration
+        electrical = voltage_flux(bench, self._pole_pairs)
+        return Sizes(
+            pole_pairs=self._pole_pairs,
+            current=_largest(bench.current),
+            torque=_largest(bench.torque),
+            speed=speed,
+            voltage=voltage,
+            acceleration=1.0 if bench.acceleration is None else max(_largest(bench.acceleration), 1e-6),
+            warming=max(warming(bench), 1.0),
+            flux=flux,
+            resistance=electrical[1] if electrical is not None else 0.0,
+        )
 
     def _values(self, point: FloatArray) -> dict[str, float]:
         return self._idle | dict(zip(self._free, (point * self._start).tolist(), strict=True))
@@ -264,7 +241,9 @@ class _Fit:
         from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
         untyped: Any = optimize
-        low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
+        kinds = [PARAMETERS[name] for name in self._free]
+        low = np.array([kind.low for kind in kinds]) / self._start
+        high = np.array([kind.high for kind in kinds]) / self._start
         inside = np.clip(point, low + 1e-9, high - 1e-9)
         try:
             return untyped.least_squares(
@@ -338,7 +317,7 @@ class _Fit:
             if width is not None:
                 reason = self._ignorance(name, value, width, blind)
             elif name not in self._held:
-                value, reason = None, _ABSENCES.get(name, "needs speeds of a shaft that turns")
+                value, reason = None, PARAMETERS[name].absence
             determined = name in self._held or not reason
             reason = "held" if name in self._held else reason
             found[name] = Estimate(
@@ -353,26 +332,11 @@ class _Fit:
             return f"the data do not tell apart {' and '.join(together)}"
         if together:
             return "leaves no trace in the data"
-        if width <= max(_LARGEST_SHARES.get(name, _LARGEST_SHARE) * abs(value), self._harmless_width(name)):
+        kind = PARAMETERS[name]
+        if width <= max(kind.share * abs(value), _SMALL_EFFECT * kind.effect(self._sizes)):
             return ""
         more = "rows on the limit" if name == "voltage_utilization" else "speeds and currents"
         return f"the interval is too wide: more {more} are needed"
-
-    def _harmless_width(self, name: str) -> float:
-        """Half width that moves no channel by more than 5 % of its range."""
-        current, torque, speed, voltage, acceleration = self._sizes
-        effects = {
-            "stator_resistance": voltage / current,
-            "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
-            "flux_drift": 1.0 / max(warming(self._bench), 1.0),
-            "saturation": _LARGEST_SATURATION_WIDTH / _SMALL_EFFECT,
-            "torque_offset": torque,
-            "current_offset": current,
-            "coulomb_friction": torque,
-            "viscous_friction": torque / speed,
-            "rotor_inertia": torque / acceleration,
-        }
-        return _SMALL_EFFECT * effects.get(name, 0.0)
 
     def _channel_fit(self, channel: Channel, point: FloatArray, kept: BoolArray) -> ChannelFit:
         values = self._values(point)

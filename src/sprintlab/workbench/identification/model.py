@@ -21,12 +21,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.motors.thermal import COPPER_COEFFICIENT
+from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
 from sprintlab.workbench.identification.bench import Bench
 
 Parameters = Mapping[str, float]
@@ -34,45 +36,81 @@ Parameters = Mapping[str, float]
 REFERENCE_TEMPERATURE = 20.0
 """Temperature to which the resistance is referred [degC]."""
 
-PARAMETER_UNITS = {
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "flux_drift": "1/K",
-    "saturation": "",
-    "coulomb_friction": "N m",
-    "viscous_friction": "N m s/rad",
-    "voltage_utilization": "",
-}
-"""What a bench can tell, with units; names as in ``PmsmParameters`` where it has them."""
+LEAST_WARMING = 10.0
+"""Range of temperatures below which the flux shows no drift [K]."""
 
-OPTIONAL_UNITS = {
-    "torque_offset": "N m",
-    "current_offset": "A",
-    "gear_efficiency": "",
-    "rotor_inertia": "kg m^2",
-}
-"""What is fitted only on request: readings of the sensors at zero, a gear's loss with the load, and, of a
-log, the inertia that turns between the current and the torque sensor."""
 
-NEUTRAL = {"gear_efficiency": 1.0}
-"""Values of parameters that are not fitted, where not 0."""
+class Sizes(NamedTuple):
+    """How large the quantities of a bench are: what its parameters are measured by."""
 
-BOUNDS = {
-    "stator_resistance": (0.0, 100.0),
-    "q_axis_inductance": (0.0, 0.1),
-    "flux_linkage": (1e-6, 2.0),
-    "flux_drift": (-0.003, 0.001),  # ferrites, the worst of magnets, lose 0.2 % a kelvin
-    "saturation": (0.0, 0.499),
-    "coulomb_friction": (0.0, 1e3),
-    "viscous_friction": (0.0, 1e2),
-    "voltage_utilization": (0.05, 1.3),
-    "torque_offset": (-1e3, 1e3),
-    "current_offset": (-1e3, 1e3),
-    "gear_efficiency": (0.3, 1.0),
-    "rotor_inertia": (0.0, 10.0),
-}
-"""Where the fit may look."""
+    pole_pairs: int
+    current: float  # largest [A]
+    torque: float  # largest [N m]
+    speed: float  # largest [rad/s]
+    voltage: float  # largest [V]
+    acceleration: float  # largest [rad/s^2]
+    warming: float  # range of the temperatures, at least 1 [K]
+    flux: float  # by torque over current [Wb]
+    resistance: float  # by voltage over current [ohm]; 0 where that is not known
+
+
+class Parameter(NamedTuple):
+    """What the fit knows of one parameter."""
+
+    unit: str
+    low: float  # where the fit may look
+    high: float
+    guess: Callable[[Sizes], float]  # where it begins; also the unit in which it moves
+    effect: Callable[[Sizes], float] = lambda sizes: 0.0  # that moves a channel by its whole range
+    share: float = 0.5  # half width over value beyond which it is not determined
+    absence: str = "needs speeds of a shaft that turns"  # why it may be unknown
+    neutral: float | None = None  # value of one that is fitted only on request, where it is not
+
+
+PARAMETERS = {
+    "stator_resistance": Parameter(
+        "ohm", 0.0, 100.0, lambda x: x.resistance if x.resistance > 0 else 0.1 * x.voltage / x.current,
+        lambda x: x.voltage / x.current,
+        absence="needs vq or power, or rows marked limited with a bus_voltage",
+    ),
+    "q_axis_inductance": Parameter(
+        "H", 0.0, 0.1, lambda x: 0.2 * x.voltage / (x.pole_pairs * x.speed * x.current),
+        lambda x: x.voltage / (x.pole_pairs * x.speed * x.current),
+        absence="needs vd, or rows marked limited with a bus_voltage",
+    ),
+    "flux_linkage": Parameter("Wb", 1e-6, 2.0, lambda x: x.flux, share=0.1),
+    "flux_drift": Parameter(  # ferrites, the worst of magnets, lose 0.2 % a kelvin
+        "1/K", -0.003, 0.001, lambda x: 1e-3, lambda x: 1.0 / x.warming,
+        absence=f"needs temperatures that differ by {LEAST_WARMING:g} K",
+    ),
+    "saturation": Parameter("", 0.0, 0.499, lambda x: 0.1, lambda x: 2.0),
+    "coulomb_friction": Parameter("N m", 0.0, 1e3, lambda x: 0.02 * x.torque, lambda x: x.torque),
+    "viscous_friction": Parameter(
+        "N m s/rad", 0.0, 1e2, lambda x: 0.02 * x.torque / x.speed, lambda x: x.torque / x.speed
+    ),
+    "voltage_utilization": Parameter(
+        "", 0.05, 1.3, lambda x: VOLTAGE_UTILIZATION, share=0.1,
+        absence="needs a bus_voltage and rows marked limited",
+    ),
+    "torque_offset": Parameter(
+        "N m", -1e3, 1e3, lambda x: 0.01 * x.torque, lambda x: x.torque, neutral=0.0
+    ),
+    "current_offset": Parameter(
+        "A", -1e3, 1e3, lambda x: 0.01 * x.current, lambda x: x.current, neutral=0.0
+    ),
+    "gear_efficiency": Parameter("", 0.3, 1.0, lambda x: 0.9, share=0.1, neutral=1.0),
+    "rotor_inertia": Parameter(
+        "kg m^2", 0.0, 10.0, lambda x: 0.02 * x.torque / x.acceleration,
+        lambda x: x.torque / x.acceleration, neutral=0.0,
+    ),
+}  # fmt: skip
+"""What a bench can tell; names as in ``PmsmParameters`` where it has them. Only on request: readings of the
+sensors at zero, a gear's loss with the load, and, of a log, the inertia between current and torque sensor."""
+
+PARAMETER_UNITS = {name: each.unit for name, each in PARAMETERS.items() if each.neutral is None}
+OPTIONAL_UNITS = {name: each.unit for name, each in PARAMETERS.items() if each.neutral is not None}
+NEUTRAL = {name: each.neutral or 0.0 for name, each in PARAMETERS.items()}
+"""Values of parameters that are not fitted."""
 
 STANDING = 0.5
 """Speed up to which the shaft counts as standing [rad/s]: its sign is the encoder's noise."""
@@ -81,9 +119,6 @@ LEAST_TURNING = 0.1
 """Share of rows that must turn to be those that count: a stalled motor swings when it is let go."""
 
 _STANDING_SHARE = 0.01  # of the largest speed, likewise
-
-LEAST_WARMING = 10.0
-"""Range of temperatures below which the flux shows no drift [K]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,12 +11,7 @@ from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
-from sprintlab.workbench.identification.model import (
-    NEUTRAL,
-    OPTIONAL_UNITS,
-    PARAMETER_UNITS,
-    shaft_torque,
-)
+from sprintlab.workbench.identification.model import NEUTRAL, shaft_torque
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +63,8 @@ class Identification:
 
         Friction is left out where the fit could not tell it.
         """
-        values = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)}
         known = {name: found.value for name, found in self.estimates.items() if found.value is not None}
-        return shaft_torque(values | known, self.pole_pairs, self.peak_current, bench)
+        return shaft_torque(NEUTRAL | known, self.pole_pairs, self.peak_current, bench)
 
     def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
         """The identified motor; what the bench does not determine comes from ``base``.

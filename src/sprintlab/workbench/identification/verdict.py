@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
-from sprintlab.workbench.identification.model import BOUNDS, directions, turns
+from sprintlab.workbench.identification.model import PARAMETERS, directions, turns
 from sprintlab.workbench.identification.results import ChannelFit, Estimate
 from sprintlab.workbench.identification.statistics import LARGE, LOAD_LOSS
 
@@ -59,7 +59,8 @@ def magnets(estimates: dict[str, Estimate]) -> list[str]:
     if drift.value is None or drift.half_width is None or drift.reason == "held":
         return []
     (low, high), width = _MAGNETS, drift.half_width
-    at_edge = np.isclose(drift.value, BOUNDS["flux_drift"], rtol=1e-3).any()
+    bounds = PARAMETERS["flux_drift"].low, PARAMETERS["flux_drift"].high
+    at_edge = np.isclose(drift.value, bounds, rtol=1e-3).any()
     if low - width <= drift.value <= high + width and not at_edge:
         return []
     return [
