@@ -86,6 +86,7 @@ def test_every_number_has_unit_uncertainty_and_basis(bp2):
         ("length = { value = 0.31", "long = { value = 0.31", r"unknown quantity thigh\.long"),
         ("zone = {", "# zone = {", r"missing quantity soft_stop\.zone"),
         ("zone = { value = 0.08", "zone = { value = nan", r"soft_stop\.zone\.value = nan"),
+        ('value = 0.31, unit = "m"', 'value = 310, unit = "mm"', r"thigh\.length\.unit = 'mm'"),
         ("[-1.2, 2.6]", "[2.6, -1.2]", r"joint\.hip\.range .* lower first"),
         ("[-0.7, 0.7]", "[-0.6, 0.7]", r"joint\.abad\.range .* symmetric"),
         (

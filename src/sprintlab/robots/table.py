@@ -3,23 +3,57 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.core.reading import read_toml
 from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG, WAIST
 
-_LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
-_JOINT = {
-    "default_angle": 1,
-    "range": 2,
-    **dict.fromkeys(("stiffness", "damping", "action_scale", "viscous_friction", "dry_friction"), 1),
+
+class Kind(NamedTuple):
+    """What the quantities of one name may be."""
+
+    unit: str
+    low: float  # least and greatest number: wide of every robot on legs, and nothing computed overflows
+    high: float
+    size: int = 1  # how many numbers
+
+
+_LENGTHS = ("length", "radius", "collision_radius", "base_height_target", "hip_x", "hip_y", "offset_y")
+KINDS = {
+    **dict.fromkeys(_LENGTHS, Kind("m", 1e-6, 10.0)),
+    "half_size": Kind("m", 1e-6, 10.0, 3),
+    "center_of_mass": Kind("m", -10.0, 10.0, 3),
+    **dict.fromkeys(("mass", "total_mass"), Kind("kg", 1e-9, 1e4)),
+    "inertia": Kind("kg m^2", 1e-12, 1e5, 3),
+    "products_of_inertia": Kind("kg m^2", -1e5, 1e5, 3),
+    **dict.fromkeys(("default_angle", "rest_angle"), Kind("rad", -100.0, 100.0)),
+    "range": Kind("rad", -100.0, 100.0, 2),
+    **dict.fromkeys(("zone", "action_scale"), Kind("rad", 1e-6, 100.0)),
+    "stiffness": Kind("N m/rad", 1e-6, 1e5),
+    **dict.fromkeys(("damping", "viscous_friction"), Kind("N m s/rad", 0.0, 1e4)),
+    "dry_friction": Kind("N m", 0.0, 1e4),
+    "friction": Kind("1", 1e-3, 10.0),
+    "bus_voltage": Kind("V", 1.0, 2000.0),
+    "drag_area": Kind("m^2", 0.0, 20.0),
+    "series_cells": Kind("1", 1.0, 500.0),
+    "internal_resistance": Kind("ohm", 0.0, 10.0),
+    "capacity": Kind("A h", 1e-3, 1e6),
+    # motors and gears have bounds of their own
+    **{name: Kind(unit or "1", -math.inf, math.inf) for name, unit in MOTOR_UNITS.items()},
+    **dict.fromkeys(("gear_ratio", "gear_efficiency"), Kind("1", -math.inf, math.inf)),
 }
-_DRIVE = dict.fromkeys((*MOTOR_UNITS, "gear_ratio", "gear_efficiency"), 1)
+"""By the last part of a quantity's name."""
+
+_LINK = ("mass", "center_of_mass", "inertia")
+_SHAPED_LINK = ("length", *_LINK, "collision_radius")
+_GAINS = ("stiffness", "damping", "action_scale", "viscous_friction", "dry_friction")
+_JOINT = ("default_angle", "range", *_GAINS)
+_DRIVE = (*MOTOR_UNITS, "gear_ratio", "gear_efficiency")
 _DRIVE_SECTIONS = {
     # joint: where its drive is looked up; the first section that has a quantity decides
     "abad": ("motor.abad", "motor"),
@@ -28,65 +62,37 @@ _DRIVE_SECTIONS = {
     WAIST: ("motor.waist", "motor.hip_knee", "motor"),
 }
 _REQUIRED = {
-    "body": {"total_mass": 1, "base_height_target": 1, "bus_voltage": 1},
-    "trunk": {"inertia": 3, "half_size": 3, "hip_x": 1, "hip_y": 1},
-    "abad_link": {**_LINK, "offset_y": 1},
-    "thigh": {"length": 1, **_LINK, "collision_radius": 1},
-    "shank": {"length": 1, **_LINK, "collision_radius": 1},
-    "foot": {"mass": 1, "radius": 1, "friction": 1},
-    "soft_stop": {"zone": 1, "stiffness": 1, "damping": 1},
+    "body": ("total_mass", "base_height_target", "bus_voltage"),
+    "trunk": ("inertia", "half_size", "hip_x", "hip_y"),
+    "abad_link": (*_LINK, "offset_y"),
+    "thigh": _SHAPED_LINK,
+    "shank": _SHAPED_LINK,
+    "foot": ("mass", "radius", "friction"),
+    "soft_stop": ("zone", "stiffness", "damping"),
     **{f"joint.{joint}": _JOINT for joint in JOINTS_PER_LEG},
 }
 _GROUPS = {
     "spring": {
-        "knee_carrier": {"mass": 1, "inertia": 3},
-        "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
+        "knee_carrier": ("mass", "inertia"),
+        "knee_spring": ("stiffness", "damping", "rest_angle", "range"),
     },
-    "battery": {"battery": {"series_cells": 1, "internal_resistance": 1, "capacity": 1}},
+    "battery": {"battery": ("series_cells", "internal_resistance", "capacity")},
     WAIST: {"rear_trunk": _LINK, f"joint.{WAIST}": _JOINT},
 }  # what a robot may have: all quantities of a group or none
 _OPTIONAL = {
-    "body": {"drag_area": 1},
-    "trunk": {"center_of_mass": 3, "products_of_inertia": 3},
-    **{link: {"products_of_inertia": 3} for link in ("rear_trunk", "abad_link", "thigh", "shank")},
+    "body": ("drag_area",),
+    "trunk": ("center_of_mass", "products_of_inertia"),
+    **dict.fromkeys(("rear_trunk", "abad_link", "thigh", "shank"), ("products_of_inertia",)),
     **{section: _DRIVE for sections in _DRIVE_SECTIONS.values() for section in sections},
 }
 
 
-def _dotted(sections: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
-    return {
-        f"{section}.{field}": size for section, fields in sections.items() for field, size in fields.items()
-    }
+def _dotted(sections: Mapping[str, Sequence[str]]) -> list[str]:
+    return [f"{section}.{field}" for section, fields in sections.items() for field in fields]
 
 
-QUANTITIES = {
-    **_dotted(_REQUIRED),
-    **{name: size for sections in _GROUPS.values() for name, size in _dotted(sections).items()},
-    **_dotted(_OPTIONAL),
-}
-"""Every quantity that a robot's table may hold, with the length of its value."""
-
-_LENGTH, _MASS, _ANGLE = (1e-6, 10.0), (1e-9, 1e4), (-100.0, 100.0)
-_BOUNDS: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(("length", "radius", "collision_radius", "half_size", "base_height_target"), _LENGTH),
-    **dict.fromkeys(("hip_x", "hip_y", "offset_y"), _LENGTH),
-    "center_of_mass": (-10.0, 10.0),
-    **dict.fromkeys(("mass", "total_mass"), _MASS),
-    "inertia": (1e-12, 1e5),
-    "products_of_inertia": (-1e5, 1e5),
-    **dict.fromkeys(("default_angle", "range", "rest_angle"), _ANGLE),
-    **dict.fromkeys(("zone", "action_scale"), (1e-6, 100.0)),
-    "stiffness": (1e-6, 1e5),
-    **dict.fromkeys(("damping", "viscous_friction", "dry_friction"), (0.0, 1e4)),
-    "friction": (1e-3, 10.0),
-    "bus_voltage": (1.0, 2000.0),
-    "drag_area": (0.0, 20.0),
-    "series_cells": (1.0, 500.0),
-    "internal_resistance": (0.0, 10.0),
-    "capacity": (1e-3, 1e6),
-}
-"""Least and greatest number of a quantity, by the last part of its name, in its unit: wide of every robot on
-legs, and so near that nothing computed of it overflows. Motors and gears have bounds of their own."""
+QUANTITIES = [name for part in (_REQUIRED, *_GROUPS.values(), _OPTIONAL) for name in _dotted(part)]
+"""Every quantity that a robot's table may hold."""
 
 _ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
 
@@ -169,20 +175,21 @@ def _row(quantity: str, entry: Mapping[str, Any]) -> ParameterRow:
     for field, text in words.items():
         if not isinstance(text, str) or not text:
             raise RobotModelError(f"{quantity}.{field} = {text!r} is not allowed: must be a non-empty text")
-    return ParameterRow(quantity=quantity, value=_value(quantity, entry["value"]), **words)
+    kind = KINDS[quantity.rpartition(".")[2]]
+    if entry["unit"] != kind.unit:
+        raise RobotModelError(f"{quantity}.unit = {entry['unit']!r} is not allowed: must be {kind.unit!r}")
+    return ParameterRow(quantity=quantity, value=_value(quantity, entry["value"], kind), **words)
 
 
-def _value(quantity: str, value: Any) -> float | tuple[float, ...]:
-    """The value as a float or a tuple of floats, of the length this quantity must have."""
-    size = QUANTITIES[quantity]
+def _value(quantity: str, value: Any, kind: Kind) -> float | tuple[float, ...]:
+    """The value as a float or a tuple of floats, of the length that this quantity must have."""
     numbers = value if isinstance(value, list) else [value]
-    right_form = isinstance(value, list) == (size > 1) and len(numbers) == size
-    least, greatest = _BOUNDS.get(quantity.rpartition(".")[2], (-math.inf, math.inf))
-    allowed = f"lie in [{least:g}, {greatest:g}]"
+    right_form = isinstance(value, list) == (kind.size > 1) and len(numbers) == kind.size
+    allowed = f"lie in [{kind.low:g}, {kind.high:g}]"
     if not right_form or not all(
         type(number) in (int, float) and abs(number) < math.inf for number in numbers
     ):
-        allowed = "be a finite number" if size == 1 else f"be a list of {size} finite numbers"
-    elif all(least <= number <= greatest for number in numbers):
-        return float(numbers[0]) if size == 1 else tuple(float(number) for number in numbers)
+        allowed = "be a finite number" if kind.size == 1 else f"be a list of {kind.size} finite numbers"
+    elif all(kind.low <= number <= kind.high for number in numbers):
+        return float(numbers[0]) if kind.size == 1 else tuple(float(number) for number in numbers)
     raise RobotModelError(f"{quantity}.value = {value!r} is not allowed: must {allowed}")

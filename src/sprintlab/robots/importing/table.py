@@ -14,7 +14,7 @@ from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.importing.choices import JointChoice, RobotChoices, find_motor
 from sprintlab.robots.importing.fit import FittedLink, FittedRobot
-from sprintlab.robots.table import ParameterRow
+from sprintlab.robots.table import KINDS, ParameterRow
 
 _STIFFNESS_ERROR = 0.45  # rad of error at which the controller asks for the peak torque
 _DAMPING_TIME = 0.03  # s: derivative over proportional gain
@@ -24,21 +24,6 @@ _HEIGHT_SHARE = 0.92  # of the standing height, to run at
 _GIVEN = "given at the import"
 _ACTION_SCALES = {"abad": 0.25, "hip": 0.5, "knee": 0.5}
 
-
-_UNITS = {
-    **dict.fromkeys(("mass", "total_mass"), "kg"),
-    **dict.fromkeys(("inertia", "products_of_inertia"), "kg m^2"),
-    **dict.fromkeys(("default_angle", "range", "zone", "action_scale"), "rad"),
-    **{
-        "stiffness": "N m/rad",
-        "damping": "N m s/rad",
-        "viscous_friction": "N m s/rad",
-        "dry_friction": "N m",
-    },
-    **{"bus_voltage": "V", "friction": "1", "gear_ratio": "1", "gear_efficiency": "1"},
-    **{name: unit or "1" for name, unit in MOTOR_UNITS.items()},
-}
-"""By the last part of a quantity's name; all others are lengths [m]."""
 
 Rows = dict[str, ParameterRow]
 """Rows of a table by quantity."""
@@ -59,7 +44,7 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
 
     def add(section: str, uncertainty: str, basis: str, **values: Any) -> None:
         for field, value in values.items():
-            quantity, unit = f"{section}.{field}", _UNITS.get(field, "m")
+            quantity, unit = f"{section}.{field}", KINDS[field].unit
             rows[quantity] = ParameterRow(
                 quantity=quantity, value=value, unit=unit, uncertainty=uncertainty, basis=basis
             )
