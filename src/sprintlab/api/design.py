@@ -16,6 +16,7 @@ from sprintlab.api.results import Drawn, Progress, silent, table
 from sprintlab.api.training import require_training
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_json
 
@@ -210,6 +211,7 @@ def held_by(
     """
     from sprintlab.evaluation.pool import TrialPool
     from sprintlab.evaluation.protocol import run_protocol
+    from sprintlab.evaluation.reached import require_a_runner
     from sprintlab.evaluation.trial import TrialRequest
     from sprintlab.motors import WindingHeat
     from sprintlab.plant import PlantOptions
@@ -217,9 +219,14 @@ def held_by(
     plant = PlantOptions(motor_model=model)
     settings = protocol_settings(TRIALS, 0, start=1.0, top=16.0, grid=0.5, first_step=1.0, plant=plant)
     with TrialPool(policy, robot, processes=processes) as pool:
-        running = run_protocol(pool, self_paced=False, settings=settings).running
-        if running is None:
+        try:
+            require_a_runner(pool, settings.start)
+        except SprintlabError:
             return {"speed_m_s": 0.0}
+        tried = [each for each in run_protocol(pool, self_paced=False, settings=settings).speeds if each.ran]
+        if not tried:
+            return {"speed_m_s": 0.0}
+        running = max(tried, key=lambda each: each.running_speed)
         request = TrialRequest(top_speed=running.top_speed, plant=replace(plant, heat=WindingHeat()))
         (warm,) = pool.trials([request])
     hottest = warm.metrics.hottest_winding

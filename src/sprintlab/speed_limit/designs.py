@@ -217,16 +217,16 @@ class Choice:
 
 
 def choose(rows: Sequence[Mapping[str, Any]], source: str) -> Choice | None:
-    """The choice of each motor model among the designs that have numbers of both.
+    """The choice of each motor model among the designs that run under both.
 
     Args:
         rows: of the designs: ``"design"``, and under ``source`` the numbers by model.
         source: ``"limits"`` or ``"trained"``.
 
     Returns:
-        The choice; None where no design has the numbers.
+        The choice; None where no design runs under both models.
     """
-    known = [row for row in rows if all(model in (row.get(source) or {}) for model in MODELS)]
+    known = [row for row in rows if all("power_W" in row.get(source, {}).get(model, {}) for model in MODELS)]
     if not known:
         return None
     best = {model: max(known, key=lambda row: row[source][model]["speed_m_s"]) for model in MODELS}
