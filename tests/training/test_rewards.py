@@ -154,17 +154,17 @@ def test_fine_tracking_has_a_slope_everywhere() -> None:
 
 
 @pytest.mark.parametrize("tied", [True, False])
-def test_what_is_tied_is_paid_by_how_well_the_speed_is_held(tied: bool) -> None:
-    """Also progress and turning, which a robot that dawdles could earn as well."""
+def test_what_is_tied_is_paid_by_how_well_speed_and_turn_are_held(tied: bool) -> None:
+    """Also progress, which a robot that dawdles could earn as well."""
     table = {name: replace(each, tied=each.tied and tied) for name, each in TABLE.items()}
     running = still(velocity=row(9, 0, 0))._replace(
         command=row(10, 0, 0.1), running_speed=torch.tensor([9.0]), target_speed=torch.tensor([10.0])
     )
-    held = math.exp(-1.0)
-    turn = 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
-    others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9 + 3.5 * turn
+    held = math.exp(-1.0) * 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
+    others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9
     earned = RewardTerms(table, "cpu").earned(running)
-    assert earned.paid.item() == pytest.approx(4.0 * held + (held if tied else 1.0) * others, rel=1e-5)
+    expected = (4.0 + 3.5) * held + (held if tied else 1.0) * others
+    assert earned.paid.item() == pytest.approx(expected, rel=1e-5)
     assert (earned.paid + earned.penalties).item() == pytest.approx(earned.parts.sum().item(), rel=1e-5)
 
 

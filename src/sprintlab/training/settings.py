@@ -23,7 +23,7 @@ from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 from sprintlab.training.environment.randomization import default_randomization
 from sprintlab.training.reward_tables import default_rewards
 from sprintlab.training.settings_text import to_plain
-from sprintlab.training.terms import RandomizationTerm, RewardTerm
+from sprintlab.training.terms import HELD, RandomizationTerm, RewardTerm
 
 Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
@@ -459,8 +459,9 @@ class TrainingSettings:
         check_choice("reward_sum", self.reward_sum, REWARD_SUMS)
         check_range("seed", self.seed, 0, 2**32 - 1)
         tied = [name for name, term in self.reward.items() if term.tied]
-        if tied and "speed_held" not in self.reward:
-            raise InvalidValueError(f"reward.{tied[0]}.tied", True, "false without the term speed_held")
+        if tied and not any(name in self.reward for name in HELD):
+            allowed = f"false without one of {', '.join(HELD)}"
+            raise InvalidValueError(f"reward.{tied[0]}.tied", True, allowed)
 
     def as_dict(self) -> dict[str, Any]:
         """Nested plain values, for the hash and for loggers."""

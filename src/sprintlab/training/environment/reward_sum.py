@@ -8,12 +8,10 @@ from typing import NamedTuple
 import torch
 
 from sprintlab.training.environment.rewards import RewardInput
-from sprintlab.training.terms import RewardTerm
+from sprintlab.training.terms import HELD, RewardTerm
 
 PENALTY_SCALE = 0.5
 """Factor of the penalties inside the exponential."""
-HELD = "speed_held"
-"""The term whose value multiplies those that are tied."""
 
 
 class EarnedReward(NamedTuple):
@@ -43,7 +41,8 @@ class RewardTerms:
 
     def __init__(self, terms: Mapping[str, RewardTerm], device: str) -> None:
         self._terms = tuple(terms.values())
-        self._held = tuple(terms).index(HELD) if HELD in terms else None
+        self._held = [place for place, name in enumerate(terms) if name in HELD]
+        self._tied = [name in HELD or term.tied for name, term in terms.items()]
         self._first, self._second = (
             torch.tensor([term.weights[stage] for term in self._terms], dtype=torch.float32, device=device)
             for stage in (0, 1)
@@ -65,14 +64,16 @@ class RewardTerms:
     def earned(self, x: RewardInput) -> EarnedReward:
         """What the step earns."""
         values = self.values(x)
+        held = values[:, self._held].prod(1)
+        values = values.clone()
+        values[:, self._held] = 1.0  # their product is in what is tied
         parts = list((values * self.weights).unbind(1))
         nothing = torch.zeros_like(parts[0])
-        held = nothing if self._held is None else values[:, self._held]
         places = range(len(parts))
-        tied = _added([parts[k] for k in places if self._terms[k].tied], nothing)
-        free = [parts[k] for k in places if self._terms[k].rewards and not self._terms[k].tied]
+        tied = _added([parts[k] for k in places if self._tied[k]], nothing)
+        free = [parts[k] for k in places if self._terms[k].rewards and not self._tied[k]]
         penalties = [parts[k] for k in places if not self._terms[k].rewards]
-        earned = [held * parts[k] if self._terms[k].tied else parts[k] for k in places]
+        earned = [held * parts[k] if self._tied[k] else parts[k] for k in places]
         return EarnedReward(
             _added(free, nothing) + held * tied, _added(penalties, nothing), torch.stack(earned, 1)
         )
