@@ -148,23 +148,25 @@ def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
 def test_fine_tracking_has_a_slope_everywhere() -> None:
     inputs = still()._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
     inputs = inputs._replace(command=row(10, 0, 0))
-    assert value(TABLE["speed_held"], inputs) == pytest.approx(math.exp(-9.0 / (0.5 + 0.05 * 10.0)))
+    assert value(TABLE["speed_held"], inputs) == pytest.approx(math.exp(-9.0 / (0.3 + 0.065 * 10.0)))
     turn = 0.5 * (math.exp(-0.2 / 0.1) + math.exp(-0.2 / 0.4))
     assert value(TABLE["yaw_rate_held"], inputs) == pytest.approx(turn)
 
 
-@pytest.mark.parametrize("tied", [True, False])
-def test_what_is_tied_is_paid_by_how_well_speed_and_turn_are_held(tied: bool) -> None:
-    """Also progress, which a robot that dawdles could earn as well."""
+@pytest.mark.parametrize(("tied", "steady"), [(True, False), (True, True), (False, False)])
+def test_what_is_tied_is_paid_by_how_well_the_command_is_held(tied: bool, steady: bool) -> None:
+    """Progress, too, which pays robots that dawdle; the turn counts in the fine-tuning phase."""
     table = {name: replace(each, tied=each.tied and tied) for name, each in TABLE.items()}
     running = still(velocity=row(9, 0, 0))._replace(
         command=row(10, 0, 0.1), running_speed=torch.tensor([9.0]), target_speed=torch.tensor([10.0])
     )
-    held = math.exp(-1.0) * 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
-    others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9
-    earned = RewardTerms(table, "cpu").earned(running)
-    expected = (4.0 + 3.5) * held + (held if tied else 1.0) * others
-    assert earned.paid.item() == pytest.approx(expected, rel=1e-5)
+    turn = 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
+    held = math.exp(-1.0 / 0.95) * (turn if steady else 1.0)
+    others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9 + 3.5 * turn
+    terms = RewardTerms(table, "cpu")
+    terms.set_stage(0.0, steady)
+    earned = terms.earned(running)
+    assert earned.paid.item() == pytest.approx(4.0 * held + (held if tied else 1.0) * others, rel=1e-5)
     assert (earned.paid + earned.penalties).item() == pytest.approx(earned.parts.sum().item(), rel=1e-5)
 
 

@@ -11,9 +11,9 @@ from sprintlab.core.checks import check_finite, check_interval
 from sprintlab.core.errors import InvalidValueError
 
 Parameter = bool | float | tuple[float, ...]
-HELD = ("speed_held", "yaw_rate_held")
-"""Rewards that say how well a command is held. Their product multiplies them and all that is tied: a robot
-that gives up the speed or the turn loses what everything else pays."""
+SPEED_HELD, YAW_RATE_HELD = "speed_held", "yaw_rate_held"
+"""Rewards that say how well a command is held, and multiply all that is tied: the speed always, the yaw rate
+in the fine-tuning phase. From the start it would keep robots from learning to run."""
 
 
 def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Parameter], given: int) -> None:
@@ -48,7 +48,7 @@ class RewardTerm:
         weight: one number, or one of stage I and one of stage II; negative for a penalty.
         parameters: of the function. Those named as in ``scaling.scales`` are scaled to the robot's
             size.
-        tied: whether the term, a reward, is multiplied by how well the command is held (``HELD``). Without
+        tied: whether the term, a reward, is multiplied by how well the command is held. Without
             it slow robots earn more than fast ones, since penalties take most of what a runner earns, and
             fast robots do not turn, since turning costs speed.
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 
 from sprintlab.training.environment.rewards import RewardInput
-from sprintlab.training.terms import HELD, RewardTerm
+from sprintlab.training.terms import SPEED_HELD, YAW_RATE_HELD, RewardTerm
 
 PENALTY_SCALE = 0.5
 """Factor of the penalties inside the exponential."""
@@ -37,21 +37,26 @@ class RewardTerms:
 
     Attributes:
         weights: of the present stage ``(terms,)``.
+        turning: whether what is tied is multiplied by how well the turn is held, too: 0 or 1.
     """
 
     def __init__(self, terms: Mapping[str, RewardTerm], device: str) -> None:
         self._terms = tuple(terms.values())
-        self._held = [place for place, name in enumerate(terms) if name in HELD]
-        self._tied = [name in HELD or term.tied for name, term in terms.items()]
+        self._tied = [name == SPEED_HELD or term.tied for name, term in terms.items()]
+        self._speed, self._turn = (
+            tuple(terms).index(name) if name in terms else None for name in (SPEED_HELD, YAW_RATE_HELD)
+        )
         self._first, self._second = (
             torch.tensor([term.weights[stage] for term in self._terms], dtype=torch.float32, device=device)
             for stage in (0, 1)
         )
         self.weights = self._first.clone()
+        self.turning = torch.zeros((), device=device)
 
-    def set_stage(self, share: float) -> None:
-        """Blend the weights: 0 in stage I, 1 in stage II."""
+    def set_stage(self, share: float, steady: bool = False) -> None:
+        """Blend the weights: 0 in stage I, 1 in stage II; ``steady``: the fine-tuning phase has begun."""
         self.weights.copy_(torch.lerp(self._first, self._second, share))
+        self.turning.fill_(float(steady))
 
     def values(self, x: RewardInput) -> torch.Tensor:
         """All terms, unweighted ``(n, terms)``.
@@ -64,12 +69,11 @@ class RewardTerms:
     def earned(self, x: RewardInput) -> EarnedReward:
         """What the step earns."""
         values = self.values(x)
-        held = values[:, self._held].prod(1)
-        values = values.clone()
-        values[:, self._held] = 1.0  # their product is in what is tied
+        held = self._held(values)
         parts = list((values * self.weights).unbind(1))
-        nothing = torch.zeros_like(parts[0])
-        places = range(len(parts))
+        if self._speed is not None:  # the factor of what is tied, itself as well
+            parts[self._speed] = self.weights[self._speed].expand_as(held)
+        places, nothing = range(len(parts)), torch.zeros_like(held)
         tied = _added([parts[k] for k in places if self._tied[k]], nothing)
         free = [parts[k] for k in places if self._terms[k].rewards and not self._tied[k]]
         penalties = [parts[k] for k in places if not self._terms[k].rewards]
@@ -77,6 +81,12 @@ class RewardTerms:
         return EarnedReward(
             _added(free, nothing) + held * tied, _added(penalties, nothing), torch.stack(earned, 1)
         )
+
+    def _held(self, values: torch.Tensor) -> torch.Tensor:
+        """How well the command is held ``(n,)``: the speed; in the fine-tuning phase times the turn."""
+        one = torch.ones_like(values[:, 0])
+        speed = one if self._speed is None else values[:, self._speed]
+        return speed if self._turn is None else speed * torch.lerp(one, values[:, self._turn], self.turning)
 
 
 def _added(parts: Sequence[torch.Tensor], nothing: torch.Tensor) -> torch.Tensor:

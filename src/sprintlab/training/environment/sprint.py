@@ -244,7 +244,7 @@ class SprintEnvironment:
         self.lower.fill_(lower)
         self.stage.fill_(stage)
         self.steady.fill_(float(steady))
-        self._terms.set_stage(stage)
+        self._terms.set_stage(stage, steady)
 
     # --- a step ------------------------------------------------------------------------------------------
 
