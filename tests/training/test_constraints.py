@@ -62,7 +62,9 @@ def test_the_worst_foot_joint_or_pair_decides(name: str, part: float) -> None:
 
 
 def test_a_pad_counts_as_a_force_and_nan_as_broken_in_full() -> None:
-    assert broken("foot", 0.015, "pad_deflection") == pytest.approx((4.0 - 3.3) / (4.2 - 3.3), abs=1e-5)
+    foot = SETTINGS.foot
+    part = (3.8 - foot.limit) / (foot.full - foot.limit)
+    assert broken("foot", 0.015 * 3.8 / 4.0, "pad_deflection") == pytest.approx(part, abs=1e-5)
     assert broken("gear", float("nan")) == 1.0
 
 

@@ -349,4 +349,5 @@ class Runner:
 
 def command_line() -> str:
     """The command as typed, without the folder of the program."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    name = Path(sys.argv[0]).name
+    return " ".join(["sprintlab" if name == "__main__.py" else name, *sys.argv[1:]])
