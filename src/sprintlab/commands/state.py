@@ -19,7 +19,7 @@ class CommandState(NamedTuple):
         target_yaw_rate: persistent target [rad/s] ``(n,)``.
         time_to_target: until the targets are redrawn [s] ``(n,)``.
         time_to_update: until the command is redrawn [s] ``(n,)``.
-        acceleration: with which the command moves (``FixedAccelerationSchedule`` only) [m/s^2] ``(n,)``.
+        acceleration: Acceleration of the command (``FixedAccelerationSchedule`` only) [m/s^2] ``(n,)``.
     """
 
     command: Array
@@ -61,7 +61,7 @@ def share_of_turn(share: Array, largest: float, speed: Array, friction: Array | 
     """A share of the fastest turn at a speed, ``min(largest, friction g / |speed|)`` [rad/s] ``(n,)``.
 
     Args:
-        share: from -1 to 1 ``(n,)``.
+        share: Share from -1 to 1 ``(n,)``.
         largest: greatest yaw rate at any speed [rad/s].
         speed: commanded forward speed [m/s] ``(n,)``.
         friction: ground friction coefficient, scalar or ``(n,)``.

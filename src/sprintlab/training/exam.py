@@ -130,7 +130,7 @@ class ExamResult:
     """An exam.
 
     Attributes:
-        groups: by their names.
+        groups: Results of the groups by their names.
         parts: mean part by which each constraint is broken, by phase and name (see ``constraints``).
         path: generalized positions of one of the fastest robots ``(steps, nq)``, from two seconds before it
             is asked to brake to one after.
@@ -158,8 +158,8 @@ class Exam(SprintEnvironment):
     """The exam's robots, their clock and their measurements, on the device of the training.
 
     Args:
-        settings: of the training.
-        device: of the training.
+        settings: Settings of the training.
+        device: Device of the training.
         actor: the policy to examine, in single precision; later changes of its weights are seen.
         fused: a step is one graph (GPU only).
     """

@@ -148,10 +148,10 @@ def method(
     """The settings of a run.
 
     Args:
-        name: of the method, one of ``ALL_METHODS``.
+        name: Name of the method, one of ``ALL_METHODS``.
         robot: name, folder or table of the robot; lengths, speeds and masses are scaled to it.
-        preset: of rewards and practice, one of ``PRESETS``.
-        seed: of every random generator.
+        preset: Preset of rewards and practice, one of ``PRESETS``.
+        seed: Seed of every random generator.
 
     Raises:
         InvalidValueError: an unknown method or preset.

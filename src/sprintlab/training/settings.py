@@ -61,11 +61,11 @@ class SimulationSettings:
     """Physics in training.
 
     Attributes:
-        environments: simulated side by side.
-        heat: of the windings; ``None``, as in the paper: they stay cold.
-        saturation: whether the motors saturate, as the robot's do; off, torque stays proportional to current.
-        shortest_stride: a foot that touches down sooner after its last touchdown is hasty [s].
-        shortest_stance: a foot that lifts off sooner after its touchdown is hasty [s].
+        environments: Robots that are simulated side by side.
+        heat: Thermal model of the windings; None, as in the paper: they stay cold.
+        saturation: Whether the motors saturate; off, torque stays proportional to current.
+        shortest_stride: A foot that touches down sooner after its last touchdown is hasty [s].
+        shortest_stance: A foot that lifts off sooner after its touchdown is hasty [s].
 
     Raises:
         InvalidValueError: a value out of range.
@@ -93,10 +93,10 @@ class Constraint:
     """A limit of the audit in training.
 
     Attributes:
-        limit: where it begins to be broken.
-        full: where it is broken in full: a part of one.
-        aim: mean part that fast robots shall have [-].
-        caps: greatest chance while a robot holds its speed, pushes and brakes [-].
+        limit: Value from which the constraint is broken in part.
+        full: Value from which it is broken in full.
+        aim: Mean part by which fast robots may break it [-].
+        caps: Greatest chance while a robot holds its speed, pushes and brakes [-].
 
     Raises:
         InvalidValueError: limit equals full, the aim is not positive, or a cap lies outside [0.001, 1].
@@ -120,11 +120,11 @@ class ConstraintSettings:
     """What ends a share of the future: see ``environment.constraints``.
 
     Attributes:
-        foot: force [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights.
-        gear: torque through a gear [peak torques].
-        legs: distance between the surfaces of two legs [m].
-        joint_speed: over the no-load speed [-].
-        end_stop: depth in an end stop over its zone [-].
+        foot: Force of a foot [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights.
+        gear: Torque through a gear [peak torques].
+        legs: Distance between the surfaces of two legs [m].
+        joint_speed: Joint speed over the no-load speed [-].
+        end_stop: Depth in an end stop over its zone [-].
     """
 
     foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.2))
@@ -139,12 +139,12 @@ class DisturbanceSettings:
     """What disturbs robots at each step: noise of their sensors, uniform and symmetric, and pushes.
 
     Attributes:
-        angular_velocity: noise [rad/s].
-        projected_gravity: noise on the unit vector.
-        joint_position: noise [rad].
-        joint_velocity: noise [rad/s].
-        push_interval: mean time between pushes [s].
-        push_speed: greatest change of the base velocity by a push [m/s].
+        angular_velocity: Noise of the gyroscope [rad/s].
+        projected_gravity: Noise on the unit vector [-].
+        joint_position: Noise of the encoders [rad].
+        joint_velocity: Noise of the joint velocities [rad/s].
+        push_interval: Mean time between pushes [s].
+        push_speed: Greatest change of the base velocity by a push [m/s].
 
     Raises:
         InvalidValueError: a number out of range.
@@ -173,12 +173,12 @@ class EpisodeSettings:
     """How episodes begin and end.
 
     Attributes:
-        duration: least and greatest length [s]; drawn an environment, so that ends do not synchronise.
-        clone_share: share of the resets that copy the state of a running environment, of two drawn the
-            faster: high speed is reached rarely, so it must be practised when it is.
-        fast_start_share: share of the other resets that start at a forward speed in the commanded range.
-        leg_distance_limit: end when the surfaces of two legs come closer [m].
-        knee_clearance: end when a knee comes closer to the ground [m].
+        duration: Least and greatest length [s], drawn per environment, so that ends do not synchronise.
+        clone_share: Share of the resets that copy a running environment, the faster of two drawn: high speed
+            is reached rarely, so it must be practised when it is.
+        fast_start_share: Share of the other resets that start at a forward speed in the commanded range.
+        leg_distance_limit: The episode ends when the surfaces of two legs come closer [m].
+        knee_clearance: The episode ends when a knee comes closer to the ground [m].
 
     Raises:
         InvalidValueError: a share outside [0, 1] or a limit that is not positive.
@@ -202,18 +202,18 @@ class StageSettings:
     """The two stages.
 
     Attributes:
-        first_top: top of the range in stage I [m/s].
-        second_top: top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
-        growth: range growth an iteration [m/s].
-        growth_margin: grow while the fastest 0.1 % are within this of the top [m/s].
-        earliest_iteration: stage II starts no sooner.
-        ramp_iterations: over which the weights blend.
-        gated_top: beyond this speed the range opens only while feet and gears hold [m/s].
-        steady_share: share of the run after which robots practise what an evaluation asks of them: some act
-            with less noise (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with
+        first_top: Top of the range in stage I [m/s].
+        second_top: Top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
+        growth: Growth of the range per iteration [m/s].
+        growth_margin: The range grows while the fastest 0.1 % are within this of its top [m/s].
+        earliest_iteration: Stage II starts no sooner.
+        ramp_iterations: Iterations over which the weights blend from stage I to stage II.
+        gated_top: Beyond this speed the range opens only while feet and gears hold [m/s].
+        steady_share: Share of the run after which the fine-tuning phase begins: some robots act with less
+            noise (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with
             ``ramps_when_steady``, all commands ramp. Not in the paper.
-        record_margin: once the fine-tuning phase has begun, a target is at most what the robot itself has
-            lately run and this much more [m/s]: robots differ by 2 m/s in what they can. None: no such limit.
+        record_margin: In the fine-tuning phase a target is at most what the robot itself has lately run and
+            this much more [m/s]: robots differ by 2 m/s in what they can. None: no such limit.
 
     Raises:
         InvalidValueError: tops in the wrong order or not positive, or a share out of range.
@@ -255,34 +255,31 @@ class PpoSettings:
     """PPO.
 
     Attributes:
-        steps: environment steps per iteration; with 8 small batches do not start.
-        epochs: passes over the rollout.
-        mini_batches: per pass.
-        learning_rate: at the start; adapted to ``desired_kl``.
+        steps: Environment steps per iteration; with 8 small batches do not start.
+        epochs: Passes over the rollout.
+        mini_batches: Mini-batches per pass.
+        learning_rate: Learning rate at the start; it is adapted to ``desired_kl``.
         desired_kl: Kullback-Leibler divergence that an update aims at.
-        final_kl: to which that sinks over ``std_anneal``, together with the noise.
-        discount: of future rewards.
-        gae: lambda of the generalized advantage estimate.
-        clip: of the likelihood ratio.
-        entropy: weight of the entropy bonus.
-        initial_std: of the action noise.
-        least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
-        most_std: its ceiling at the beginning of ``std_anneal``; the entropy bonus may keep the noise twice
-            as high as its floor.
-        std_anneal: shares of the run between which floor and ceiling sink to ``final_std``: a policy runs
-            without noise, and what it is to run like should be practised and estimated. None: they stay.
-        final_std: of the action noise at the end [-].
-        low_noise_fraction: of the robots, spread evenly, that from ``stages.steady_share`` on act with
-            ``low_noise_scale`` of the action noise. With noise everywhere, policies stood that fell over
-            without it. Not in the paper.
-        low_noise_scale: factor of the action noise of those robots [-].
-        averaging_iterations: the exported policy is the mean of the weights over about so many iterations.
-        symmetric: whether the mirrored observation gives exactly the mirrored action.
-        hidden: widths of actor and critic.
-        precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
-            ``"float16"`` (faster on a GPU; an exported policy always computes in single precision). With the
-            eight bits of bfloat16 the likelihood ratios of robots with little noise were rounding noise, and
-            a long training came apart at its end.
+        final_kl: The divergence sinks to this over ``std_anneal``, together with the noise.
+        discount: Discount of future rewards.
+        gae: Lambda of the generalized advantage estimate.
+        clip: Clip range of the likelihood ratio.
+        entropy: Weight of the entropy bonus.
+        initial_std: Standard deviation of the action noise at the start.
+        least_std: Floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
+        most_std: Ceiling of the action noise at the beginning of ``std_anneal``.
+        std_anneal: Shares of the run between which floor and ceiling sink to ``final_std``: a policy runs
+            without noise, so that should be practised and estimated. None: they stay.
+        final_std: Standard deviation of the action noise at the end.
+        low_noise_fraction: Fraction of the robots, spread evenly, that act with less noise in the fine-tuning
+            phase. With noise everywhere, policies stood that fell over without it. Not in the paper.
+        low_noise_scale: Factor of the action noise of those robots.
+        averaging_iterations: The exported policy is the mean of the weights over about so many iterations.
+        symmetric: Whether the mirrored observation gives exactly the mirrored action.
+        hidden: Widths of the layers of actor and critic.
+        precision: ``"tf32"`` or ``"float16"`` (faster on a GPU) for the matrix products in rollout and
+            update; an exported policy computes in single precision. With bfloat16 a long training came apart
+            at its end.
 
     Raises:
         InvalidValueError: a count below one, a number out of range, or an unknown precision.
@@ -328,11 +325,7 @@ class PpoSettings:
             check_interval("std_anneal", self.std_anneal, 0.0, 1.0)
 
     def annealed(self, share: float) -> float:
-        """How far the run lies between the ends of ``std_anneal``: 0 before them, 1 after.
-
-        Args:
-            share: of the run that is done.
-        """
+        """How far this share of the run lies between the ends of ``std_anneal``: 0 before them, 1 after."""
         if self.std_anneal is None:
             return 0.0
         first, last = self.std_anneal
@@ -357,17 +350,15 @@ class EstimatorSettings:
     """The VAE estimator; what the paper leaves open follows DreamWaQ's open implementations.
 
     Attributes:
-        latent: size of ``z`` (the paper's 16).
-        encoder: widths of the encoder's layers.
-        decoder: widths of the decoder's layers.
-        learning_rate: of its own optimizer, which the policy's adaptive rate does not touch.
-        final_learning_rate: to which that sinks over ``ppo.std_anneal``: the exported estimate shall not
+        latent: Size of ``z`` (the paper's 16).
+        encoder: Widths of the encoder's layers.
+        decoder: Widths of the decoder's layers.
+        learning_rate: Learning rate of its own optimizer, which is not adapted.
+        final_learning_rate: The rate sinks to this over ``ppo.std_anneal``: the exported estimate shall not
             depend on its last few steps.
-        epochs: passes over the rollout; one is enough, and the update is the most expensive part of an
-            iteration.
-        sees_command: whether the encoder reads the command. Under ACS the command follows the speed: an
-            estimator that sees it learns to read the speed off it, and errs by metres a second as soon as
-            the command is given by somebody else.
+        epochs: Passes over the rollout; one is enough.
+        sees_command: Whether the encoder reads the command. Under ACS the command follows the speed: an
+            estimator that sees it reads the speed off it, and errs by metres a second under other commands.
 
     Raises:
         InvalidValueError: a size below one or a number that is not positive.
@@ -399,8 +390,8 @@ class ExamSettings:
     """When the policy is examined in the training: see ``training.exam``. The best exam's policy is exported.
 
     Attributes:
-        interval: iterations between two exams; a shorter run has none, a longer one also ends with one.
-        hopeless: the run ends in its second half when no exam has held this speed within the audit's limits
+        interval: Iterations between two exams; a shorter run has none, a longer one also ends with one.
+        hopeless: The run ends in its second half when no exam has held this speed within the audit's limits
             [m/s]; None: it goes on.
 
     Raises:
@@ -421,16 +412,23 @@ class TrainingSettings:
     """One training run, whole: its hash names it.
 
     Attributes:
-        method: name of the method, see ``methods``.
-        robot: name of the robot.
-        actuator_model: motor model in training.
-        schedule: how commands evolve.
-        reward: terms by name: ``reward_tables``.
-        reward_sum: ``"exponential"`` rewards * exp(penalties / 2) or ``"clipped"`` max(0, sum).
-        randomization: what differs from robot to robot, by name: ``environment.randomization``.
-        constraints: what the audit limits, as shares of the future that end; None: only rewards.
-        exam: of the policy, every so often; None: the last policy is exported.
-        seed: of every random generator.
+        method: Name of the method, see ``methods``.
+        robot: Name, folder or table of the robot.
+        actuator_model: Motor model in training.
+        schedule: How commands evolve.
+        simulation: Physics, and how many robots.
+        reward: Terms of the reward by name: ``reward_tables``.
+        reward_sum: ``"exponential"``: rewards * exp(penalties / 2), or ``"clipped"``: max(0, sum).
+        randomization: What differs from robot to robot, by name: ``environment.randomization``.
+        disturbances: Noise of the sensors, and pushes.
+        episodes: How episodes begin and end.
+        constraints: What the audit limits, as shares of the future that end; None: only rewards.
+        stages: How the range of speeds grows, and the phases of the run.
+        exam: When the policy is examined; None: the last policy is exported.
+        ppo: Policy and value learning.
+        estimator: The VAE estimator.
+        observation: What a policy sees; it travels in its contract.
+        seed: Seed of every random generator.
 
     Raises:
         InvalidValueError: a value that is not allowed.
@@ -483,10 +481,7 @@ CPU_EXAM_INTERVAL = 80
 
 
 def settings_for_cpu(settings: TrainingSettings) -> TrainingSettings:
-    """Settings whose size is the default, at a size that a CPU trains: fewer robots, small networks.
-
-    In single precision: without matrix units bfloat16 takes twice the time.
-    """
+    """Settings whose size is the default at one that a CPU trains, and in single precision."""
     defaults = TrainingSettings()
     simulation, ppo, estimator = settings.simulation, settings.ppo, settings.estimator
     if simulation.environments == defaults.simulation.environments:

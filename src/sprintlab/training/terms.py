@@ -20,8 +20,8 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Para
     """Refuse parameters that a function does not have, or that it needs and are missing.
 
     Args:
-        function: of a term.
-        parameters: by name.
+        function: Function of a term.
+        parameters: Values of its parameters by name.
         given: arguments that it gets before them.
 
     Raises:
@@ -96,8 +96,8 @@ class RandomizationTerm:
     """One thing that differs from robot to robot.
 
     Attributes:
-        function: of ``environment.randomization``, or one's own: ``(Fleet, parameters)``.
-        parameters: of the function; a pair is an interval.
+        function: One of ``environment.randomization``, or one's own: ``(Fleet, parameters)``.
+        parameters: Parameters of the function; a pair is an interval.
 
     Raises:
         InvalidValueError: parameters that do not fit the function, or an interval that is not ordered.

@@ -32,11 +32,11 @@ class Clips:
     """Renders one clip at a time; an exam that comes while one is being rendered has none.
 
     Args:
-        folder: of the run: clips are GIFs in its folder ``clips``.
-        robot: name, folder or table of the robot.
+        folder: Folder of the run: clips are GIFs in its folder ``clips``.
+        robot: Name, folder or table of the robot.
 
     Attributes:
-        working: whether clips can be rendered here, as far as is known.
+        working: Whether clips can be rendered here, as far as is known.
     """
 
     def __init__(self, folder: Path, robot: str) -> None:
@@ -49,8 +49,8 @@ class Clips:
         """Start to render generalized positions ``(steps, nq)``.
 
         Args:
-            path: of one robot.
-            iteration: of the exam; names the file.
+            path: Positions of one robot.
+            iteration: Iteration of the exam, which names the file.
         """
         finite = np.isfinite(path).all(1)
         path = path[: len(path) if finite.all() else int(finite.argmin())]
@@ -70,7 +70,7 @@ class Clips:
         """The clip that has been rendered since the last call, once.
 
         Args:
-            wait: for the one that is being rendered, at most [s].
+            wait: Longest wait for the one that is being rendered [s].
         """
         if self._process is None:
             return None

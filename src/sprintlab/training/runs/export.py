@@ -65,11 +65,11 @@ def export_checkpoint(
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
     Args:
-        checkpoint: of a training run.
-        output: the file to write.
-        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast
+        checkpoint: Checkpoint of a training run.
+        output: File to write.
+        pace: How far the forward command that reaches the network may run ahead of the robot, and how fast
             it may fall; as it is given when left out.
-        turning: which yaw rate the network is asked for; the one that is commanded when left out.
+        turning: Which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, its robot's table has changed, or the disk refuses.

@@ -23,8 +23,8 @@ def learning_figures(state: dict[str, Any], folder: Path) -> list[Path]:
     """Write ``learning.png`` and, where the schedule has a grid, ``curriculum.png``; returns their paths.
 
     Args:
-        state: what was read of the run's checkpoint.
-        folder: for the pictures.
+        state: What was read of the run's checkpoint.
+        folder: Folder for the pictures.
 
     Raises:
         SprintlabError: nothing has been logged, or the disk refuses.

@@ -29,8 +29,8 @@ class Board:
     """Curves for TensorBoard in a folder; at most one point a second.
 
     Args:
-        folder: of the event files.
-        iteration: reached already: later points of a session that was killed are hidden.
+        folder: Folder of the event files.
+        iteration: Iteration that was reached: later points of a session that was killed are hidden.
     """
 
     def __init__(self, folder: Path, iteration: int) -> None:
@@ -76,9 +76,9 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
     """Send what TensorBoard gets to Weights & Biases, too; must be called before the board is made.
 
     Args:
-        project: there.
-        folder: of the run; its name becomes the run's, and a resumed run goes on there.
-        settings: of the run.
+        project: Project there.
+        folder: Folder of the run; its name becomes the run's, and a resumed run goes on there.
+        settings: Settings of the run.
     """
     import wandb
 

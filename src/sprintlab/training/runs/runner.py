@@ -53,10 +53,10 @@ class BestExam:
     """The policy that did best in an exam.
 
     Attributes:
-        iteration: at which it was examined.
-        held: speed within the audit's limits, as far as it was asked for [m/s].
-        cost: of transport there [-].
-        policy: its weights by name.
+        iteration: Iteration at which it was examined.
+        held: Speed within the audit's limits, as far as it was asked for [m/s].
+        cost: Cost of transport there [-].
+        policy: Its weights by name.
     """
 
     iteration: int
@@ -75,16 +75,16 @@ class Runner:
     """One run: made from settings, or taken up again from its checkpoint.
 
     Args:
-        settings: the whole configuration.
+        settings: The whole configuration.
         device: ``"cuda:0"`` or ``"cpu"``.
-        command_line: as typed; goes into the policy's contract.
-        fused: graphs and compiled kernels (GPU only); without them the same code runs plainly.
-        workers: the processes that train together.
+        command_line: Command as typed, which goes into the policy's contract.
+        fused: Graphs and compiled kernels (GPU only); without them the same code runs plainly.
+        workers: Processes that train together.
 
     Attributes:
-        length: when the run ends.
-        best: the policy of the best exam so far; None: no exam has kept the audit's limits.
-        last_exam: the latest.
+        length: When the run ends.
+        best: Policy of the best exam so far; None: no exam has kept the audit's limits.
+        last_exam: The latest exam.
     """
 
     def __init__(

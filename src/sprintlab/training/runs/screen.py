@@ -80,12 +80,12 @@ def screen(
     """The table of a training.
 
     Args:
-        title: what is trained.
-        row: of the log: the present iteration.
-        exam: numbers of the latest exam, and its iteration; empty before the first.
-        share: of the run that is done.
-        left: time until its end [s].
-        height: of the terminal [lines]; reward terms are left out where they do not fit.
+        title: What is trained.
+        row: The present iteration, as the log has it.
+        exam: Numbers of the latest exam, and its iteration; empty before the first.
+        share: Share of the run that is done.
+        left: Time until its end [s].
+        height: Height of the terminal [lines]; reward terms are left out where they do not fit.
     """
     bar = ProgressBar(total=1.0, completed=share, width=WIDTH)
     parts: list[RenderableType] = [Rule(title, characters="─"), bar, _pairs(_general(row, left))]

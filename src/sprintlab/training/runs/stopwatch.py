@@ -18,7 +18,7 @@ class Stopwatch:
     the iteration's numbers have been read back, when all of them are over.
 
     Args:
-        device: of the training.
+        device: Device of the training.
     """
 
     def __init__(self, device: str) -> None:
