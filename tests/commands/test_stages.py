@@ -1,12 +1,9 @@
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sprintlab.commands import RangeGrowth, StageBlend, ranked_speeds
-from sprintlab.core.errors import InvalidValueError
 
 
 def test_range_grows_while_the_fastest_are_near_its_top():
@@ -42,18 +39,6 @@ def test_ranked_speeds_are_quantiles(torch, count):
     quantiles = [np.quantile(speed, share, method="inverted_cdf") for share in shares]
     assert ranked_speeds(speed, shares) == quantiles
     assert [float(value) for value in ranked_speeds(torch.from_numpy(speed), shares)] == quantiles
-
-
-def test_growth_and_blend_go_on_from_a_checkpoint():
-    growth, blend = RangeGrowth(), StageBlend(earliest_iteration=3)
-    for _ in range(9):
-        growth.update(9.0, top=6.0)
-        blend.update(6.0)
-    for one, other in ((growth, RangeGrowth()), (blend, StageBlend(earliest_iteration=3))):
-        other.load_state_dict(json.loads(json.dumps(one.state_dict())))
-        assert other == one
-        with pytest.raises(InvalidValueError, match=r"upper|progress"):
-            other.load_state_dict({"iteration": 3})
 
 
 def test_blend_waits_for_the_top_and_for_the_earliest_iteration():

@@ -43,7 +43,7 @@ for iterations in (2, 4):
 runner = runners[-1]
 log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
 own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
-own |= {"growth": runner.growth.state_dict(), "robots": runner.environment.state()}
+own |= {"growth": vars(runner.growth), "robots": runner.environment.state()}
 torch.save(own, folder / f"{runner.workers.rank}.pt")
 """
 

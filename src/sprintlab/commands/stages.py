@@ -1,6 +1,6 @@
 """How the range of commanded speeds grows, and when the second stage takes over.
 
-Plain Python numbers, updated once a training iteration; ``state_dict`` goes into the checkpoint.
+Plain Python numbers, updated once per training iteration, which go into the checkpoint.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from sprintlab.control.arrays import Array, namespace
 from sprintlab.core.checks import check_finite, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError
 
 
 def ranked_speeds(speed: Array, shares: Sequence[float]) -> list[Array]:
@@ -60,16 +59,6 @@ class RangeGrowth:
         """
         if fastest > self.upper - self.margin:
             self.upper = max(self.upper, min(top, self.upper + self.increment))
-
-    def state_dict(self) -> dict[str, float]:
-        """What a checkpoint keeps."""
-        return {"upper": self.upper}
-
-    def load_state_dict(self, state: dict[str, float]) -> None:
-        """Go on from a checkpoint. Raises ``InvalidValueError`` if ``upper`` is missing or not positive."""
-        upper = state.get("upper", math.nan)
-        check_positive("upper", upper, "m/s")
-        self.upper = upper
 
 
 @dataclass(kw_only=True)
@@ -122,15 +111,3 @@ class StageBlend:
         ready = upper >= self.first_top - 1e-9 and self.iteration > self.earliest_iteration
         if self.progress > 0 or ready:
             self.progress = min(self.progress + 1, self.ramp_iterations)
-
-    def state_dict(self) -> dict[str, int]:
-        """What a checkpoint keeps."""
-        return {"iteration": self.iteration, "progress": self.progress}
-
-    def load_state_dict(self, state: dict[str, int]) -> None:
-        """Go on from a checkpoint. Raises ``InvalidValueError`` if a count is missing or negative."""
-        for field in ("iteration", "progress"):
-            if field not in state:
-                raise InvalidValueError(f"state.{field}", None, "a count of iterations")
-            check_range(f"state.{field}", state[field], 0, math.inf)
-        self.iteration, self.progress = state["iteration"], state["progress"]

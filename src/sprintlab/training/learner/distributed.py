@@ -6,7 +6,6 @@ import atexit
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import distributed
@@ -56,14 +55,6 @@ class Workers:
         values = torch.tensor(flags, dtype=torch.int32, device=f"cuda:{self.local_rank}" if on_gpu else "cpu")
         distributed.all_reduce(values, distributed.ReduceOp.MAX)
         return [bool(value) for value in values.tolist()]
-
-    def gather(self, value: Any) -> list[Any]:
-        """What every process has, in the order of their ranks, for the leader; nothing for the others."""
-        if not self.several:
-            return [value]
-        gathered: list[Any] | None = [None] * self.count if self.leads else None
-        distributed.gather_object(value, gathered)
-        return gathered or []
 
     def moments(self, mean: torch.Tensor, variance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean and variance over all processes' samples, from each one's own."""

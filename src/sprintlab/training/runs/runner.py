@@ -284,8 +284,8 @@ class Runner:
             "best": None if self.best is None else vars(self.best),
             "learner": self.learner.state_dict(),
             "grid_weights": self.environment.grid_weights,
-            "growth": self.growth.state_dict(),
-            "blend": self.blend.state_dict(),
+            "growth": vars(self.growth),
+            "blend": vars(self.blend),
             "chances": None if self.chances is None else self.chances.state_dict(),
             "length": vars(self.length),
         }
@@ -334,8 +334,8 @@ class Runner:
             raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
         with refused_as_damaged("the checkpoint", "does not fit this run"):
             self.learner.load_state_dict(state["learner"])
-            self.growth.load_state_dict(state["growth"])
-            self.blend.load_state_dict(state["blend"])
+            self.growth = replace(self.growth, **state["growth"])
+            self.blend = replace(self.blend, **state["blend"])
             if self.chances is not None:
                 self.chances.load_state_dict(state["chances"])
             for name, value in self.mean.items():

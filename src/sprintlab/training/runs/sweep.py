@@ -87,7 +87,7 @@ def plan_sweep(
         seeds: Seeds of each method.
         fixed: Settings that differ from the defaults in every run, ``"ppo.steps=16"``.
         varied: Settings and their values; each combination gets a folder, ``name=value,name=value``.
-        limits: Values of ``minutes``, ``iterations``, ``environments`` and ``device`` of ``TrainOptions``; None: as is.
+        limits: Values of ``minutes``, ``iterations``, ``environments`` and ``device`` of ``TrainOptions``.
 
     Raises:
         InvalidValueError: an unknown method or setting, or a number out of range.
