@@ -170,6 +170,7 @@ def _loop(
             runner.save_log(options.output / "log.jsonl")
         if ended or due:
             saved = time.monotonic()
+    runner.workers.any_of([False])  # the leader has written before the others go on
 
 
 def _show(row: dict[str, float], runner: Runner, reporter: Reporter, clips: Clips | None) -> None:
