@@ -206,6 +206,9 @@ def test_what_is_missing_is_said_in_one_line(recording, monkeypatch):
     monkeypatch.setattr(video, "has_encoder", lambda: True)
     assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_BACKEND
     assert not recording[1].exists()
+    monkeypatch.setattr(video, "working_gl_backend", lambda: "egl")
+    monkeypatch.setattr(video, "_RENDER_SECONDS", 0.01)
+    assert video.render_video(*recording, "bp2", 7.0) == video.TOO_SLOW
     monkeypatch.setattr(video, "has_encoder", lambda: False)
     assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_ENCODER
 

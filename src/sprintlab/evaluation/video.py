@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ INSTALL_BACKEND = (
     "no video: no OpenGL backend works here, install one (Debian/Ubuntu: apt-get install libosmesa6, "
     "or libegl1 with a GPU driver)"
 )
+TOO_SLOW = "no video: rendering took longer than 10 minutes, as on a busy machine without a GPU"
 WIDTH, HEIGHT, FRAME_RATE = 854, 480, 30  # [pixels], frames a second
 
 _SPEED_WINDOW = 0.25  # over which the printed speed is averaged [s]
@@ -62,16 +64,17 @@ def render_video(trajectory: Path, target: Path, robot_name: str, finish: float)
         finish: when the printed clock stops [s].
 
     Returns:
-        An empty string when ``target`` was written, else one line that says what to install.
+        An empty string when ``target`` was written, else one line that says why not, and what to install.
     """
     if not has_encoder():
         return INSTALL_ENCODER
     backend = working_gl_backend()
     command = ["-m", "sprintlab.evaluation.video", str(trajectory), str(target), robot_name, str(finish)]
+    started = monotonic()
     if backend and _succeeds(command, backend.replace("default", ""), _RENDER_SECONDS):
         return ""
     target.unlink(missing_ok=True)
-    return INSTALL_BACKEND
+    return TOO_SLOW if backend and monotonic() - started >= _RENDER_SECONDS else INSTALL_BACKEND
 
 
 def _succeeds(arguments: list[str], backend: str, timeout: float) -> bool:
@@ -107,7 +110,8 @@ def write_video(trajectory: dict[str, Array], model: Any, target: Path, finish: 
     distance = np.maximum(qpos[np.minimum(np.arange(len(time)), stop), 0] - qpos[0, 0], 0.0)
     centre = [moving_average(place, time, _CAMERA_WINDOW) for place in qpos[:, :3].T]
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
-    model.vis.quality.offsamples = 0  # smoothing edges is most of what a frame costs without a GPU
+    # Without a GPU smooth edges and a large shadow map are most of what a frame costs.
+    model.vis.quality.offsamples, model.vis.quality.shadowsize = 0, 1024
     data, camera = mujoco.MjData(model), mujoco.MjvCamera()
     camera.distance, camera.elevation, camera.azimuth = 2.5, -12.0, 128.0
     writer = imageio_ffmpeg.write_frames(
