@@ -73,8 +73,8 @@ def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
     )
     for entry in entries.values():
         assert all(value["source"] for value in entry["values"].values())
-        assert 0 < entry["joint"]["corner_speed"] < entry["joint"]["no_load_speed"]
-    assert entries["mit-humanoid-u12"]["joint"]["corner_lost_to_v_d"] == pytest.approx(0.186, abs=0.001)
+        assert 0 < entry["corner_speed"] < entry["no_load_speed"]
+    assert entries["mit-humanoid-u12"]["lost"] == pytest.approx(0.186, abs=0.001)
     out = call("motor", "library", "xiaomi-cybergear").out
     assert "CyberGear micro motor user manual" in " ".join(out.split()) and "estimated" in out
     files = ("--save", tmp_path / "u12.toml", "--figure", tmp_path / "library.png")

@@ -23,20 +23,7 @@ TYPE_MAJOR = [f"{leg}_{kind}_joint" for kind in KINDS for leg in LEGS]
 
 
 class IdealPDActuator:
-    def __init__(
-        self,
-        cfg,
-        joint_names,
-        joint_ids,
-        num_envs,
-        device,
-        stiffness=0.0,
-        damping=0.0,
-        actuator_effort_limit=None,
-        actuator_velocity_limit=None,
-        effort_limit=None,
-        velocity_limit=None,
-    ):
+    def __init__(self, cfg, joint_names, joint_ids, num_envs, device, **limits):
         self.cfg, self._joint_names = cfg, joint_names
         self.computed_effort = torch.zeros(num_envs, len(joint_names), device=device)
         self.applied_effort = torch.zeros_like(self.computed_effort)

@@ -213,7 +213,7 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
     assert answer["bytes"] == len(page.encode())
     assert "BP2: 100 m in 11.50 s" in page
     assert "exploit audit FAILED" in page
-    mine = sl.replay([trajectory_file], names=["mine"], output=trajectory_file.with_name("mine.html"))
+    mine = sl.replay([trajectory_file], output=trajectory_file.with_name("mine.html"))
     assert mine.page.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.page) in str(mine)
 
 
@@ -257,8 +257,3 @@ def test_a_trajectory_of_another_robot_is_refused(recorded, robot, name, columns
     other = {**recorded, name: recorded[name][:, :columns]}
     with pytest.raises(SprintlabError, match=message):
         render_replay(other, robot, ReplayText(title="x"))
-
-
-def test_one_name_is_needed_for_each_run(trajectory_file):
-    with pytest.raises(SprintlabError, match="one name for each of 1 runs"):
-        sl.replay([trajectory_file], names=["one", "two"])

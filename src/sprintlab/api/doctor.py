@@ -55,7 +55,6 @@ Outcome = tuple[str, str, str]
 @checked
 def doctor(
     *,
-    folder: Path | str = Path("."),
     thorough: bool = False,
     training: bool = False,
     progress: Progress = silent,
@@ -66,11 +65,10 @@ def doctor(
     Example: sprintlab doctor --training
 
     Args:
-        folder: whose disk runs are to be written to.
         thorough: also try CUDA, compilation and rendering: half a minute and more.
         training: the same, and count what training on a GPU does not find as a fault.
     """
-    findings = list(_findings(Path(folder), thorough or training, progress))
+    findings = list(_findings(thorough or training, progress))
     needed = [item for item in findings if training and item["needed_for"].startswith("training")]
     broken = any(item["state"] == "broken" for item in findings)
     ok = not broken and all(item["state"] != "missing" for item in needed)
@@ -103,7 +101,7 @@ def _finding(name: str, needed_for: str, outcome: Outcome) -> dict[str, str]:
     }
 
 
-def _findings(folder: Path, thorough: bool, progress: Progress) -> Iterator[dict[str, str]]:
+def _findings(thorough: bool, progress: Progress) -> Iterator[dict[str, str]]:
     """Every finding, in the order in which one depends on another."""
     yield _finding("Python", "everything", ("ok", platform.python_version(), ""))
     yield _finding("platform", "everything", ("ok", platform.platform(), ""))
@@ -114,7 +112,7 @@ def _findings(folder: Path, thorough: bool, progress: Progress) -> Iterator[dict
         ("C compiler", "training at full speed (torch.compile)", _compiler, False),
         ("torch.compile", "training at full speed", _compilation, True),
         ("OpenGL backend", "videos", _opengl, True),
-        ("disk", "runs", lambda: room_at(folder), False),
+        ("disk", "runs", lambda: room_at(Path("runs")), False),
     ):
         progress(name, None)
         tried = (

@@ -110,11 +110,7 @@ def evaluate(
 
 
 def protocol_settings(trials: int, seed: int, **more: Any) -> ProtocolSettings:
-    """Settings with nine of ten trials required, rounded up.
-
-    Raises:
-        InvalidValueError: a setting is out of range.
-    """
+    """Settings with nine of ten trials required, rounded up. Raises ``InvalidValueError``."""
     check_range("trials", trials, 1, 10_000)
     return ProtocolSettings(trials=trials, required=-(-trials * 9 // 10), seed=seed, **more)
 

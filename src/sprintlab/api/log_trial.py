@@ -73,11 +73,7 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
 
 
 def _span(record: RunRecord, running: NDArray[np.bool_], tick_time: FloatArray) -> tuple[float, float]:
-    """When the policy began and ceased to drive [s].
-
-    Raises:
-        LogError: it never drove, or the log has holes.
-    """
+    """When the policy began and ceased to drive [s]. Raises ``LogError``."""
     begin, end = tick_time[running][[0, -1]].tolist() if running.any() else (0.0, 0.0)
     if end - begin < _SHORTEST:
         raise LogError("the log holds less than half a second of running: there is nothing to draw")

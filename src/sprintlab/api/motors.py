@@ -231,7 +231,10 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
         note = (
             "joint side, rad/s and N m; corner: up to there the peak torque fits; lost: what v_d takes of it"
         )
-        shown: list[RenderableType] = [records("Actuators", [_compared(each) for each in numbers]), note]
+        shown: list[RenderableType] = [
+            records("Actuators", [dict(list(each.items())[:-2]) for each in numbers]),
+            note,
+        ]
     else:
         rows = [{"quantity": key, **item} for key, item in numbers[0]["values"].items()]
         shown = [records(numbers[0]["title"], rows)]
@@ -244,40 +247,27 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
 
 
 def _actuator_numbers(actuator: LibraryMotor) -> dict[str, Any]:
-    """Every number with its source, and what follows at the joint: torque [N m], speeds [rad/s], inertia."""
-    units = {"bus_voltage": "V", **MOTOR_UNITS}
-    values = {
-        key: {"value": item.value, "unit": units.get(key.rpartition(".")[2], ""), "source": item.source,
-              "estimated": item.estimated} for key, item in actuator.values.items()
-    }  # fmt: skip
+    """What follows at the joint in N m, A and rad/s, and every number with its source."""
     drive = JointDrive(motor=actuator.motor, gear=actuator.gear, bus_voltage=actuator.bus_voltage)
     refined, simple = (chart.peak_torque_speed(drive, name) or 0.0 for name in ("refined", "simplified-dc"))
-    joint = {
+    units = {"bus_voltage": "V", **MOTOR_UNITS}
+    values = {
+        key: {"value": item.value, "unit": units.get(key.rpartition(".")[2], ""), "estimated": item.estimated,
+              "source": item.source} for key, item in actuator.values.items()
+    }  # fmt: skip
+    return {
+        "name": actuator.name,
+        "bus_V": actuator.bus_voltage,
+        "gear": float(actuator.gear.ratio),
         "peak_torque": float(chart.joint_limits(drive, np.zeros(1), chart.SATURATED)[1][0]),
         "peak_current": float(actuator.motor.peak_torque / actuator.motor.torque_constant),
         "no_load_speed": drive.no_load_speed,
         "corner_speed": refined,
-        "corner_speed_v_d_0": simple,
-        "corner_lost_to_v_d": 1.0 - refined / simple if simple > 0.0 else 0.0,
-        "reflected_inertia": float(actuator.motor.rotor_inertia) * float(actuator.gear.ratio) ** 2,
-    }
-    return {"name": actuator.name, "title": actuator.title, "values": values, "joint": joint}
-
-
-def _compared(actuator: dict[str, Any]) -> dict[str, Any]:
-    """The row of an actuator among the others."""
-    values, joint = actuator["values"], actuator["joint"]
-    bus, gear = values["bus_voltage"]["value"], values["gear.ratio"]["value"]
-    numbers = {key: round(joint[key], 1) for key in list(joint)[:5]}
-    lost = f"{joint['corner_lost_to_v_d']:.0%}"
-    estimated = sum(value["estimated"] for value in values.values())
-    return {
-        "name": actuator["name"],
-        "bus_V": bus,
-        "gear": gear,
-        **numbers,
-        "lost": lost,
-        "estimated": estimated,
+        "corner_v_d_0": simple,
+        "lost": 1.0 - refined / simple if simple > 0.0 else 0.0,
+        "estimated": sum(item["estimated"] for item in values.values()),
+        "title": actuator.title,
+        "values": values,
     }
 
 

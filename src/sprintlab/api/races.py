@@ -59,11 +59,7 @@ class Race(Drawn):
     table: str
 
     def plot(self, figure: str = "speed") -> Figure:
-        """One figure of the report, of those in ``FIGURES``.
-
-        Raises:
-            InvalidValueError: there is no such figure.
-        """
+        """One figure of the report, of those in ``FIGURES``. Raises ``InvalidValueError``."""
         from sprintlab.core.theme import LIGHT
         from sprintlab.evaluation.report import planned_figures
 

@@ -33,7 +33,6 @@ def replay(
     run_folders: Sequence[Path | str] = (),
     *,
     world_record: bool = False,
-    names: Sequence[str] = (),
     robot: RobotChoice = None,
     output: Path | str | None = None,
 ) -> Result:
@@ -45,21 +44,16 @@ def replay(
     Args:
         run_folders: folders of races, or recorded trajectories (.npz); the newest race when left out.
         world_record: also a runner at the pace of the men's world record over the distance (100 or 400 m).
-        names: what to call the runs, in their order; the policies' names when left out.
         robot: a robot's name or parameter table (.toml); what the race's result.json says when left out.
         output: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
     """
     if output is not None:
         check_writable_file(output)
     paths = [_trajectory_path(None if run is None else Path(run)) for run in run_folders or (None,)]
-    if names and len(names) != len(paths):
-        raise InvalidValueError("names", " ".join(names), f"one name for each of {len(paths)} runs")
     results = [_race_result(path) for path in paths]
     runs = [_run(path, result, robot) for path, result in zip(paths, results, strict=True)]
     if replays.is_lap(runs[0].arrays):
         results[0].setdefault("distance_m", 400.0)
-    if names:
-        runs = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
     text, pace = _text(paths[0], runs[0].robot.name, results[0], runs[0].name), None
     if world_record and (pace := replays.WORLD_RECORDS.get(text.distance)) is None:
         known = " and ".join(f"{known:g} m" for known in replays.WORLD_RECORDS)

@@ -162,7 +162,7 @@ def quantities(
 ) -> Table:
     """One row a number: its name and unit follow from its key, such as ``top_speed_m_s``.
 
-    Mappings give a row an entry; lists, and what is not known in any column, none.
+    Mappings give a row an entry; lists of other than numbers, and what is not known, none.
 
     Args:
         title: of the table.
@@ -186,7 +186,7 @@ def _flat(numbers: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
     for key, value in numbers.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{before}{key}: ")
-        elif not isinstance(value, list | tuple):
+        elif not isinstance(value, list | tuple) or (value and all(isinstance(x, float) for x in value)):
             yield f"{before}{key}", value
 
 
@@ -202,9 +202,12 @@ def records(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def name_and_unit(key: str, units: Mapping[str, str] = {}) -> tuple[str, str]:
     """A key of a number as words, and the unit at its end: top speed and m/s of ``top_speed_m_s``."""
-    end = next((end for end in UNITS if key.endswith(f"_{end}")), None)
-    name = key if end is None else key.removesuffix(f"_{end}")
-    return name.replace("_", " "), UNITS[end] if end else units.get(key.rpartition(" ")[2], "")
+    names, unit = list[str](), ""
+    for part in key.split(": "):
+        end = next((end for end in UNITS if part.endswith(f"_{end}")), "")
+        names.append(part.removesuffix(f"_{end}").replace("_", " "))
+        unit = UNITS[end] if end else units.get(part, unit)
+    return ": ".join(names), unit
 
 
 def cell(value: Any) -> RenderableType:

@@ -49,7 +49,6 @@ def import_robot(
     hip_gear: float | None = None,
     knee_gear: float | None = None,
     bus_voltage: float | None = None,
-    foot_radius: float | None = None,
     output: str | Path = "robots",
 ) -> Result:
     """Make a robot from an MJCF or URDF: its parameter table and the map of its joints.
@@ -68,14 +67,13 @@ def import_robot(
         hip_gear: the same for the hips.
         knee_gear: the same for the knees.
         bus_voltage: [V].
-        foot_radius: [m], where the source has no foot sphere.
         output: folder in which the robot's folder is put; in ./robots robots are found by name.
     """
     check_kind("choices", choices, importing.RobotChoices | str | Path | None)
-    read = importing.read_source(Path(source), foot_radius or 0.02)  # a bad file is refused before asking
+    read = importing.read_source(Path(source), 0.02)  # a bad file is refused before asking
     if not isinstance(choices, importing.RobotChoices):
         given: dict[str, Any] = {} if choices is None else importing.read_choices(Path(choices))
-        options = {"name": name, "bus_voltage": bus_voltage, "foot_radius": foot_radius}
+        options = {"name": name, "bus_voltage": bus_voltage}
         given = {"name": read.path.stem, **given, **{key: v for key, v in options.items() if v is not None}}
         given["joints"] = tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
         open_choices = [] if "bus_voltage" in given else [(given, "bus_voltage", "--bus-voltage")]

@@ -106,11 +106,7 @@ class Training(Drawn):
         return self.folder / "policy.onnx"
 
     def log(self) -> list[dict[str, float]]:
-        """One row per iteration: speeds [m/s], reward, falls, seconds.
-
-        Raises:
-            SprintlabError: the run has no log, or a damaged one.
-        """
+        """One row per iteration: speeds [m/s], reward, falls, seconds. Raises ``SprintlabError``."""
         return read_rows(self.folder / "log.jsonl", LOG_LIMIT)
 
 
@@ -208,11 +204,7 @@ def _chosen_settings(
     changes: Sequence[str],
     seed: int | None,
 ) -> TrainingSettings:
-    """The settings of a training; the arguments are those of ``train``.
-
-    Raises:
-        InvalidValueError: the file is for another robot or method than the typed one.
-    """
+    """The settings of a training; the arguments are those of ``train``. Raises ``InvalidValueError``."""
     named = None
     if isinstance(robot, TrainingSettings):
         chosen = robot

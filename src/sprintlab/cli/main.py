@@ -244,11 +244,7 @@ def help_of(kind: Any) -> str:
 
 
 def refuse_unknown_option(command: str, words: Sequence[str], help_text: str) -> None:
-    """Name the nearest option where the first unknown one was typed.
-
-    Raises:
-        SprintlabError: one of the words is an option that the command's help does not list.
-    """
+    """Name the nearest option where the first unknown one was typed. Raises ``SprintlabError``."""
     known = set(re.findall(r"(?<![\w-])--[a-z][\w.-]*", help_text))
     for word in words:
         option = word.partition("=")[0].replace("_", "-")
@@ -281,12 +277,7 @@ def completion(arguments: Sequence[str]) -> None:
 
 
 def run_words(arguments: Sequence[str]) -> int:
-    """Parse and run one command; returns its exit status.
-
-    Raises:
-        SprintlabError: the command was refused or failed.
-        SystemExit: help was printed, or the command line makes no sense.
-    """
+    """Parse and run one command; returns its exit status. Raises ``SprintlabError``."""
     if list(arguments) == ["--version"]:
         print(f"sprintlab {package_version('sprintlab')}")
         return 0
