@@ -14,27 +14,19 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, as_arrays
 
 T = TypeVar("T")
-MOTOR_UNITS = {
-    "pole_pairs": "",
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "peak_torque": "N m",
-    "saturation": "",
-    "rotor_inertia": "kg m^2",
-}
-"""Fields of ``PmsmParameters`` and of a motor file, with their units."""
-# field -> (low, high). Wide enough for any motor of a legged robot, narrow enough to catch a millihenry
+# field -> (low, high, unit). Wide enough for any motor of a legged robot, narrow enough to catch a millihenry
 # written for a henry or a milliohm for an ohm.
 _PLAUSIBLE = {
-    "pole_pairs": (1, 200),
-    "stator_resistance": (1e-4, 50.0),
-    "q_axis_inductance": (0.0, 1e-2),
-    "flux_linkage": (1e-5, 0.5),
-    "peak_torque": (1e-4, 5e3),
-    "saturation": (0.0, 0.5),
-    "rotor_inertia": (1e-9, 0.1),
+    "pole_pairs": (1, 200, ""),
+    "stator_resistance": (1e-4, 50.0, "ohm"),
+    "q_axis_inductance": (0.0, 1e-2, "H"),
+    "flux_linkage": (1e-5, 0.5, "Wb"),
+    "peak_torque": (1e-4, 5e3, "N m"),
+    "saturation": (0.0, 0.5, ""),
+    "rotor_inertia": (1e-9, 0.1, "kg m^2"),
 }
+MOTOR_UNITS = {name: unit for name, (_, _, unit) in _PLAUSIBLE.items()}
+"""Fields of ``PmsmParameters`` and of a motor file, with their units."""
 _LONGEST_TIME_CONSTANT = 0.05  # L / R [s]; small machines have 0.1 ms to 10 ms
 _LARGEST_PEAK_CURRENT = 5e3  # peak torque / torque constant [A]
 _LARGEST_RESISTIVE_DROP = 500.0  # R x peak current [V]
@@ -68,8 +60,8 @@ class PmsmParameters:
 
     def __post_init__(self) -> None:
         """Refuse what no motor has; see ``_PLAUSIBLE``."""
-        for name, (low, high) in _PLAUSIBLE.items():
-            check_range(name, getattr(self, name), low, high, MOTOR_UNITS[name])
+        for name, bounds in _PLAUSIBLE.items():
+            check_range(name, getattr(self, name), *bounds)
         if not every(self.pole_pairs % 1 == 0):
             raise InvalidValueError("pole_pairs", self.pole_pairs, "must be a whole number")
         if not every(

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.arguments import check_fields
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.core.reading import read_toml
 from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor, single
 from sprintlab.motors.voltage import check_bus_voltage
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.loader import load_robot
+from sprintlab.robots.table import KINDS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,12 +46,8 @@ class JointChoice:
         check_fields(self)
         check_range("gear_ratio", self.gear_ratio, 1.0, 500.0)
         check_range("gear_efficiency", self.gear_efficiency, 0.01, 1.0)
-        for name in ("stiffness", "damping", "action_scale"):
-            if getattr(self, name) is not None:
-                check_positive(name, getattr(self, name))
-        for name in ("viscous_friction", "dry_friction"):
-            if getattr(self, name) is not None:
-                check_range(name, getattr(self, name), 0.0, 1e4)
+        for name in ("stiffness", "damping", "action_scale", "viscous_friction", "dry_friction"):
+            _check_given(name, getattr(self, name), name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +73,18 @@ class RobotChoices:
         if not self.name or not self.name.replace("-", "").replace("_", "").isalnum():
             raise InvalidValueError("name", self.name, "letters, digits, - and _")
         check_bus_voltage(self.bus_voltage)
-        check_positive("foot_friction", self.foot_friction)
-        for name in ("foot_radius", "base_height_target"):
-            if getattr(self, name) is not None:
-                check_positive(name, getattr(self, name), "m")
+        _check_given("foot_friction", self.foot_friction, "friction")
+        _check_given("foot_radius", self.foot_radius, "radius")
+        _check_given("base_height_target", self.base_height_target, "base_height_target")
         if set(self.joints) != set(JOINTS_PER_LEG):
             raise InvalidValueError("joints", sorted(self.joints), "must be " + ", ".join(JOINTS_PER_LEG))
+
+
+def _check_given(name: str, value: float | None, quantity: str) -> None:
+    """Refuse a number that no robot's table may hold for a quantity; ``None`` is derived."""
+    if value is not None:
+        kind = KINDS[quantity]
+        check_range(name, value, kind.low, kind.high, kind.unit)
 
 
 def read_choices(path: Path) -> dict[str, Any]:
