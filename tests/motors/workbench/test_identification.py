@@ -71,16 +71,8 @@ def write_bench(path, columns, units=UNITS):
 
 
 @pytest.fixture
-def motor():
-    return PmsmParameters(
-        pole_pairs=21,
-        stator_resistance=0.158,
-        q_axis_inductance=84e-6,
-        flux_linkage=6.08e-3,
-        peak_torque=12.0,
-        saturation=0.15,
-        rotor_inertia=5e-4,
-    )
+def motor(surrogate):
+    return surrogate
 
 
 @pytest.fixture
