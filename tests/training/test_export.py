@@ -32,12 +32,15 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_an_export_warns_of_nothing(checkpoint, tmp_path):
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_an_export_warns_of_nothing(symmetric, tmp_path):
     """Neither of a shape that was traced as a constant nor of constants that were not folded."""
+    path = tmp_path / "model.pt"
+    Runner(replace(SETTINGS, ppo=replace(SETTINGS.ppo, symmetric=symmetric)), "cpu", "test").save(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", torch.jit.TracerWarning)
         warnings.filterwarnings("error", "Constant folding")
-        export_checkpoint(checkpoint, tmp_path / "policy.onnx")
+        export_checkpoint(path, tmp_path / "policy.onnx")
 
 
 def test_a_term_of_ones_own_travels_in_the_contract(tmp_path, monkeypatch):

@@ -177,8 +177,8 @@ def policy_gradients(
 ) -> tuple[list[torch.Tensor], torch.Tensor]:
     """Gradients of policy, its deviations and critic, in this order, and the losses' parts ``(4,)``."""
     precision = precision_of(settings)
-    mean, decisions = actor.policy.recorded(actor.policy_input(batch.actor_input), precision)
-    value, valuations = critic.value.recorded(critic.value_input(batch.privileged), precision)
+    mean, decisions = actor.policy.recorded(actor.normalizer(batch.actor_input), precision)
+    value, valuations = critic.value.recorded(critic.normalizer(batch.privileged), precision)
     losses = policy_losses(mean, actor.std, value[:, 0], batch, old_std, settings)
     scale = loss_scale(len(mean))
     of_policy, _ = actor.policy.gradients(decisions, scale * losses.mean)

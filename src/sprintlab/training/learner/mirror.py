@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 from sprintlab.control import OBSERVABLES, Observation
 
@@ -142,15 +141,11 @@ class Basis(nn.Module):
 
     def forward(self, vector: torch.Tensor) -> torch.Tensor:
         """Both halves ``(halves, n, columns)`` of vectors ``(n, size)``."""
-        if self.halves == 1:
-            return functional.pad(vector, (0, self.columns - self.size))[None]
         flat = _two_terms(vector, self.into, self.into_sign, self.into_scale)
         return flat.view(-1, self.halves, self.columns).transpose(0, 1).contiguous()
 
     def inverse(self, halves: Sequence[torch.Tensor]) -> torch.Tensor:
         """The vectors ``(n, size)`` of halves ``(n, columns)``."""
-        if self.halves == 1:
-            return halves[0][:, : self.size]
         return _two_terms(torch.cat(list(halves), 1), self.back, self.back_sign, self.back_scale)
 
 

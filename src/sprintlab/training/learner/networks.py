@@ -7,6 +7,7 @@ clean frame and the true ``e`` (DESIGN of the paper, section III).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -41,6 +42,7 @@ class Normalizer(nn.Module):
     Args:
         size: of the vector.
         mirror: of the vector, if the statistics shall be those of the samples and their mirror images.
+        others: numbers behind the vector that are not normalized.
     """
 
     mean: torch.Tensor
@@ -48,13 +50,18 @@ class Normalizer(nn.Module):
     count: torch.Tensor
     index: torch.Tensor
     sign: torch.Tensor
+    beyond: torch.Tensor
+    limit: torch.Tensor
 
-    def __init__(self, size: int, mirror: Mirror | None = None) -> None:
+    def __init__(self, size: int, mirror: Mirror | None = None, others: int = 0) -> None:
         super().__init__()
         self.mirrored = mirror is not None
         if mirror is not None:
             self.register_buffer("index", torch.tensor(mirror.index), persistent=False)
             self.register_buffer("sign", torch.tensor(mirror.sign), persistent=False)
+        self.register_buffer("beyond", torch.zeros(others), persistent=False)
+        limit = torch.cat((torch.full((size,), LARGEST_NORMALIZED), torch.full((others,), math.inf)))
+        self.register_buffer("limit", limit, persistent=False)
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.zeros(()))
@@ -64,9 +71,13 @@ class Normalizer(nn.Module):
         return [self.mean, self.variance, self.count]
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Normalized values, limited to +-10 so that an outlier cannot saturate the networks."""
-        scaled = (values - self.mean) / (self.variance.sqrt() + NORMALIZER_FLOOR)
-        return scaled.clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
+        """Normalized values, limited to +-10 so that an outlier cannot saturate the networks.
+
+        Numbers beyond its size stay as they are ``(n, size + others)``.
+        """
+        mean = torch.cat((self.mean, self.beyond))
+        scale = torch.cat((self.variance.sqrt() + NORMALIZER_FLOOR, self.beyond + 1.0))
+        return ((values - mean) / scale).clamp(-self.limit, self.limit)
 
     @torch.no_grad()
     def update(self, mean: torch.Tensor, variance: torch.Tensor, count: int) -> None:
@@ -166,9 +177,11 @@ class Actor(nn.Module):
         self.frame_size = observation.frame_size
         self.symmetric = ppo.symmetric
         known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
-        self.normalizer = Normalizer(known.size, known if self.symmetric else None)
+        handedness = _handedness(self.symmetric)
+        others = estimator.latent + len(handedness)
+        self.normalizer = Normalizer(known.size, known if self.symmetric else None, others)
         self.estimator = Estimator(observation, estimator, height, self.symmetric)
-        seen = (known, paired(estimator.latent), *_handedness(self.symmetric))
+        seen = (known, paired(estimator.latent), *handedness)
         self.policy = Perceptron(
             _basis(self.symmetric, *seen), ppo.hidden, _basis(self.symmetric, joint_mirror(joints))
         )
@@ -203,14 +216,9 @@ class Actor(nn.Module):
             seen.append(torch.ones_like(estimate[:, :1]) if handedness is None else handedness)
         return torch.cat(seen, 1), estimate
 
-    def policy_input(self, actor_input: torch.Tensor) -> torch.Tensor:
-        """``actor_input`` ``(n, 70)`` with its known part normalized."""
-        known = self.frame_size + ESTIMATE_SIZE
-        return torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1)
-
     def decide(self, actor_input: torch.Tensor, precision: torch.dtype = torch.float32) -> torch.Tensor:
         """Mean action ``(n, joints)`` from the policy network's input ``(n, 70)``."""
-        return self.policy(self.policy_input(actor_input), precision)
+        return self.policy(self.normalizer(actor_input), precision)
 
     def forward(
         self, observation: torch.Tensor, previous_estimate: torch.Tensor
@@ -226,21 +234,16 @@ class Critic(nn.Module):
     def __init__(self, settings: PpoSettings, observation: Observation) -> None:
         super().__init__()
         known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
-        self._known = known.size
-        self.normalizer = Normalizer(known.size, known if settings.symmetric else None)
-        seen = (known, *_handedness(settings.symmetric))
+        handedness = _handedness(settings.symmetric)
+        self.normalizer = Normalizer(known.size, known if settings.symmetric else None, len(handedness))
+        seen = (known, *handedness)
         self.value = Perceptron(
             _basis(settings.symmetric, *seen), settings.hidden, _basis(settings.symmetric, signed(1.0))
         )
 
-    def value_input(self, privileged: torch.Tensor) -> torch.Tensor:
-        """``privileged`` with its known part normalized."""
-        known = self.normalizer(privileged[:, : self._known])
-        return torch.cat((known, privileged[:, self._known :]), 1)
-
     def forward(self, privileged: torch.Tensor, precision: torch.dtype = torch.float32) -> torch.Tensor:
         """Value ``(n,)`` of what the critic sees ``(n, 54)``; ``(n, 53)`` where it is not symmetric."""
-        return self.value(self.value_input(privileged), precision)[:, 0]
+        return self.value(self.normalizer(privileged), precision)[:, 0]
 
 
 def _handedness(symmetric: bool) -> tuple[Mirror, ...]:

@@ -30,8 +30,8 @@ _PARTS = 32
 """Parts of the samples over which the gradient of a weight is summed apart on a GPU: as one product it would
 keep a few multiprocessors busy, in parts all of them."""
 
-Tape = list[tuple[torch.Tensor, torch.Tensor]]
-"""Each layer's input, and its product before the bias."""
+Tape = list[torch.Tensor]
+"""Each layer's input ``(halves, n, k)``."""
 Mixing = tuple[torch.Tensor, torch.Tensor]
 """Factors of a number itself and of the one at its place in the other half, of the shape of a parameter."""
 
@@ -97,13 +97,10 @@ class Perceptron(nn.Module):
     ) -> tuple[torch.Tensor, Tape]:
         """The output ``(n, outward.size)``, and what ``gradients`` needs."""
         *hidden, last = self.stack
-        tape, values = [], self.inward(vector).to(precision)
+        tape = [self.inward(vector).to(precision)]
         for layer in hidden:
-            tape.append((values, torch.bmm(values, layer.matrix(precision))))
-            values = _activated(tape[-1][1], layer.bias)
-        values = values.to(last.weight.dtype)
-        tape.append((values, torch.bmm(values, last.weight)))
-        first, *others = tape[-1][1].unbind()
+            tape.append(_activated(torch.bmm(tape[-1], layer.matrix(precision)), layer.bias))
+        first, *others = torch.bmm(tape[-1].to(last.weight.dtype), last.weight).unbind()
         return self.outward.inverse([first + last.bias, *others]), tape
 
     def gradients(self, tape: Tape, gradient: torch.Tensor) -> tuple[list[torch.Tensor], torch.Tensor]:
@@ -116,11 +113,11 @@ class Perceptron(nn.Module):
         found: list[torch.Tensor] = []
         layers, back = self.stack, self.outward(gradient)
         for place in range(len(tape) - 1, -1, -1):
-            layer, (values, product) = layers[place], tape[place]
             if place < len(tape) - 1:
                 following = layers[place + 1].matrix(back.dtype)
-                back = _through_activation(product, layer.bias, torch.bmm(back, following.transpose(1, 2)))
-            found = [_weight_gradient(values, back), back[0].sum(0, dtype=layer.bias.dtype), *found]
+                back = _through_activation(tape[place + 1], torch.bmm(back, following.transpose(1, 2)))
+            bias = back[0].sum(0, dtype=layers[place].bias.dtype)
+            found = [_weight_gradient(tape[place].to(back.dtype), back), bias, *found]
         return found, back
 
     def input_gradient(self, back: torch.Tensor) -> torch.Tensor:
@@ -182,30 +179,34 @@ def _rotated(one: torch.Tensor, other: torch.Tensor) -> tuple[torch.Tensor, torc
     return math.sqrt(0.5) * (one + other), math.sqrt(0.5) * (one - other)
 
 
-def _channels(product: torch.Tensor, bias: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Channels before the activation ``(n, k)``: one, or both of each pair."""
-    first, *others = product.unbind()
-    return _rotated(first + bias, others[0].to(bias.dtype)) if others else (first + bias,)
+def _channels(halves: Sequence[torch.Tensor]) -> Sequence[torch.Tensor]:
+    """Both channels of each pair ``(n, k)`` from their sums and differences, and the other way round."""
+    return _rotated(*halves) if len(halves) == 2 else halves
 
 
-def _halves(channels: Sequence[torch.Tensor], precision: torch.dtype) -> torch.Tensor:
-    """Channels as ``(halves, n, k)``. Each is rounded before they are put together: one kernel then writes
-    both halves, each once."""
-    halves = channels if len(channels) == 1 else _rotated(*channels)
+def _stacked(halves: Sequence[torch.Tensor], precision: torch.dtype) -> torch.Tensor:
+    """As ``(halves, n, k)``. Each is rounded before they are put together: one kernel then writes both
+    halves, each once."""
     return torch.stack([half.to(precision) for half in halves])
 
 
 def _activated(product: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
     """ELU of each channel ``(halves, n, k)``, from a product before the bias."""
-    return _halves([_elu(each) for each in _channels(product, bias)], product.dtype)
+    first, *others = product.unbind()
+    channels = _channels([first + bias, *(other.to(bias.dtype) for other in others)])
+    return _stacked(_channels([_elu(each) for each in channels]), product.dtype)
 
 
-def _through_activation(product: torch.Tensor, bias: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
-    """Gradient of a product ``(halves, n, k)`` from that of the activation behind it."""
-    slopes = [torch.exp(each.clamp(max=0.0)) for each in _channels(product, bias)]
-    halves = gradient.to(bias.dtype).unbind()
-    channels = halves if len(halves) == 1 else _rotated(*halves)
-    return _halves([each * slope for each, slope in zip(channels, slopes, strict=True)], product.dtype)
+def _through_activation(values: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+    """Gradient before an activation that gave ``values``, from that behind it ``(halves, n, k)``.
+
+    The slope of ELU is 1, or 1 more than its value where that is negative. (Of the values alone, so that few
+    numbers are read: the compiler makes two kernels of one that reads more than four tensors.)
+    """
+    slopes = [1.0 + each.clamp(max=0.0) for each in _channels(values.float().unbind())]
+    channels = _channels(gradient.float().unbind())
+    before = [each * slope for each, slope in zip(channels, slopes, strict=True)]
+    return _stacked(_channels(before), values.dtype)
 
 
 def _weight_gradient(values: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
