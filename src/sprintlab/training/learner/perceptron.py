@@ -99,8 +99,9 @@ class Perceptron(nn.Module):
         *hidden, last = self.stack
         tape = [self.inward(vector).to(precision)]
         for layer in hidden:
-            tape.append(_activated(torch.bmm(tape[-1], layer.matrix(precision)), layer.bias))
-        first, *others = torch.bmm(tape[-1].to(last.weight.dtype), last.weight).unbind()
+            kept = last.weight.dtype if layer is hidden[-1] else precision
+            tape.append(_activated(torch.bmm(tape[-1], layer.matrix(precision)), layer.bias, kept))
+        first, *others = torch.bmm(tape[-1], last.weight).unbind()
         return self.outward.inverse([first + last.bias, *others]), tape
 
     def gradients(self, tape: Tape, gradient: torch.Tensor) -> tuple[list[torch.Tensor], torch.Tensor]:
@@ -115,9 +116,10 @@ class Perceptron(nn.Module):
         for place in range(len(tape) - 1, -1, -1):
             if place < len(tape) - 1:
                 following = layers[place + 1].matrix(back.dtype)
-                back = _through_activation(tape[place + 1], torch.bmm(back, following.transpose(1, 2)))
+                back = torch.bmm(back, following.transpose(1, 2))
+                back = _through_activation(tape[place + 1], back, tape[0].dtype)
             bias = back[0].sum(0, dtype=layers[place].bias.dtype)
-            found = [_weight_gradient(tape[place].to(back.dtype), back), bias, *found]
+            found = [_weight_gradient(tape[place], back), bias, *found]
         return found, back
 
     def input_gradient(self, back: torch.Tensor) -> torch.Tensor:
@@ -190,14 +192,14 @@ def _stacked(halves: Sequence[torch.Tensor], precision: torch.dtype) -> torch.Te
     return torch.stack([half.to(precision) for half in halves])
 
 
-def _activated(product: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+def _activated(product: torch.Tensor, bias: torch.Tensor, precision: torch.dtype) -> torch.Tensor:
     """ELU of each channel ``(halves, n, k)``, from a product before the bias."""
     first, *others = product.unbind()
     channels = _channels([first + bias, *(other.to(bias.dtype) for other in others)])
-    return _stacked(_channels([_elu(each) for each in channels]), product.dtype)
+    return _stacked(_channels([_elu(each) for each in channels]), precision)
 
 
-def _through_activation(values: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
+def _through_activation(values: torch.Tensor, gradient: torch.Tensor, precision: torch.dtype) -> torch.Tensor:
     """Gradient before an activation that gave ``values``, from that behind it ``(halves, n, k)``.
 
     The slope of ELU is 1, or 1 more than its value where that is negative. (Of the values alone, so that few
@@ -206,7 +208,7 @@ def _through_activation(values: torch.Tensor, gradient: torch.Tensor) -> torch.T
     slopes = [1.0 + each.clamp(max=0.0) for each in _channels(values.float().unbind())]
     channels = _channels(gradient.float().unbind())
     before = [each * slope for each, slope in zip(channels, slopes, strict=True)]
-    return _stacked(_channels(before), values.dtype)
+    return _stacked(_channels(before), precision)
 
 
 def _weight_gradient(values: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
