@@ -75,13 +75,12 @@ class Evil:
         return Path.touch, (self.target,)
 
 
-@pytest.mark.parametrize("form", ["torch", "pickle"])
-def test_a_pickle_is_not_opened(tmp_path: Path, form: str) -> None:
+def test_a_pickle_is_not_opened(tmp_path: Path) -> None:
     mark, path = tmp_path / "ran", tmp_path / "checkpoint.pt"
-    if form == "torch":
-        torch.save({"format": 7, "state": Evil(mark)}, path)
-    else:
-        path.write_bytes(pickle.dumps(Evil(mark), protocol=2))
+    torch.save({"format": 7, "state": Evil(mark)}, path)
+    with pytest.raises(SprintlabError, match="not a checkpoint"):
+        read_checkpoint(path)
+    path.write_bytes(pickle.dumps(Evil(mark), protocol=2))
     with pytest.raises(SprintlabError, match="not a checkpoint"):
         read_checkpoint(path)
     assert not mark.exists()

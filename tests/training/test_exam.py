@@ -59,24 +59,21 @@ def test_the_limits_are_those_of_the_audit() -> None:
     assert others == tuple(limits[name] for name in names)
 
 
-@pytest.mark.parametrize(
-    ("values", "failed"),
-    [
-        ({}, []),
-        ({"fallen": 0.2}, ["fallen"]),
-        ({"at_rest": 0.5}, ["at_rest"]),
-        ({"held": 7.9}, ["held"]),
-        ({"load": (0.09, 0.3, 0.3, 0.31)}, ["load"]),
-        ({"worst": {**group().worst, "foot_force": 4.01}}, ["foot_force"]),
-        ({"most": {**group().worst, "foot_force": 4.5}}, []),
-        (
-            {"most": {**group().worst, "gear_torque": 3.5, "leg_distance": -0.01}},
-            ["gear_torque", "leg_distance"],
-        ),
-    ],
-)
-def test_what_fails_a_group(values: dict[str, object], failed: list[str]) -> None:
-    assert group(**values).failed == failed
+def test_what_fails_a_group() -> None:
+    wrong = {"fallen": 0.2, "at_rest": 0.5, "held": 7.9, "load": (0.09, 0.3, 0.3, 0.31), "duty": (0.04,) * 4}
+    assert group().failed == []
+    assert {name: group(**{name: value}).failed for name, value in wrong.items()} == {n: [n] for n in wrong}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_median_keeps_a_limit_and_nine_of_ten_nearly(name: str) -> None:
+    limit, sign = LIMITS[name], -1.0 if name == "leg_distance" else 1.0
+    worse = limit + sign * 0.01
+    nearly, far = (limit + sign * share * abs(limit) for share in (0.14, 0.16))
+    good = group().worst
+    assert group(worst={**good, name: worse}).failed == [name]
+    assert group(most={**good, name: nearly}).failed == []
+    assert group(most={**good, name: far if limit else worse}).failed == [name]
 
 
 def test_robots_that_stand_are_measured_as_standing() -> None:

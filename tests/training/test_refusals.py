@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.core.errors import InvalidValueError, SprintlabError, UnwrittenError
+from sprintlab.core.errors import InvalidValueError, UnwrittenError
 from sprintlab.training.environment.randomization import friction
-from sprintlab.training.learner.distributed import Workers
-from sprintlab.training.runs import run as run_module
-from sprintlab.training.runs.run import TrainOptions, open_run, train
-from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.terms import drawn
 
 
@@ -35,20 +31,6 @@ def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
-def test_what_killed_writes_left_is_removed_and_no_other_file(tmp_path, monkeypatch):
-    ours, other = tmp_path / ".checkpoint.pt.a_0z9b1c", tmp_path / ".run.toml.swp"
-    for file in (ours, other):
-        file.write_text("half")
-
-    def begun(*_arguments):
-        raise SprintlabError("begun")
-
-    monkeypatch.setattr(run_module, "open_run", begun)
-    with pytest.raises(SprintlabError, match="begun"):
-        train(TrainOptions(output=tmp_path, device="cpu"))
-    assert other.exists() and not ours.exists()
-
-
 @pytest.mark.parametrize("between", [(0.1, np.inf), (0.2, 0.1)])
 def test_what_is_drawn_lies_between_two_ends(between):
     with pytest.raises(InvalidValueError, match="between"):
@@ -60,15 +42,6 @@ def test_a_missing_tracker_is_told_before_anything_is_prepared(tmp_path, capsys)
     assert main(["train", "bp2", "--wandb", "runs", "--output", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err.strip().endswith("pip install 'sprintlab[wandb]'")
     assert not (tmp_path / "run").exists()
-
-
-def test_a_milestone_has_no_learning_curve(tmp_path, capsys):
-    options = TrainOptions(environments=2, device="cpu", output=tmp_path, settings=TrainingSettings())
-    open_run(options, Workers()).save_policy(tmp_path / "0001.pt")
-    capsys.readouterr()
-    assert main(["learning", str(tmp_path / "0001.pt"), "--json"]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and "is a milestone" in captured.err
 
 
 def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, monkeypatch, capsys):
