@@ -10,7 +10,6 @@ Nothing here needs PyTorch.
 from __future__ import annotations
 
 import difflib
-import json
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -83,14 +82,6 @@ def parse_value(text: str) -> Any:
         return parse_toml(f"value = {text}")["value"]
     except ValueError:
         return text
-
-
-def as_text(value: Any) -> str:
-    """Inverse of ``parse_value``."""
-    if isinstance(value, Mapping):
-        inner = (f"{name} = {as_text(each)}" for name, each in cast("Mapping[str, Any]", value).items())
-        return f"{{{', '.join(inner)}}}"
-    return ABSENT if value is None else json.dumps(value)
 
 
 def read_settings(path: Path, base: Settings) -> Settings:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import shlex
 import subprocess
 import time
@@ -21,8 +22,10 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.interpreters import new_interpreter
 from sprintlab.training.methods import method
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.settings_text import as_text, parse_value, split_assignment, with_changes
+from sprintlab.training.settings_text import split_assignment, with_changes
 
+_VALUE = re.compile(r"(?:\[.*?\]|\{.*?\}|[^,])+")
+"""A value of a variation, up to a comma outside of brackets."""
 OUTPUT = "output.txt"
 """What a run of a sweep prints, in its folder."""
 
@@ -74,7 +77,7 @@ def plan_sweep(
     preset: str = "sprintlab",
     seeds: Sequence[int],
     fixed: Sequence[str] = (),
-    varied: Mapping[str, Sequence[Any]] | None = None,
+    varied: Mapping[str, Sequence[str]] | None = None,
     **limits: Any,
 ) -> list[SweptRun]:
     """Every combination, method by method.
@@ -96,8 +99,8 @@ def plan_sweep(
     limits = {name: value for name, value in limits.items() if value is not None}
     for values in itertools.product(*(varied or {}).values()):
         variant = dict(zip(varied or {}, values, strict=True))
-        label = ",".join(f"{name}={_word(value)}" for name, value in variant.items())
-        changes = [*fixed, *(f"{name}={as_text(value)}" for name, value in variant.items())]
+        varying = [f"{name}={value}" for name, value in variant.items()]
+        label, changes = re.sub(r"[\s\"']", "", ",".join(varying)).replace("/", "_"), [*fixed, *varying]
         for name, seed in itertools.product(methods, seeds):
             settings = with_changes(method(name, robot=robot, preset=preset, seed=seed), changes)
             place = folder / label / name / f"seed-{seed}"
@@ -117,18 +120,9 @@ def plan_sweep(
     return runs
 
 
-def parse_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
-    """``["ppo.steps=8,16"]`` as a mapping to lists; errors as in ``with_changes``."""
-    named = map(split_assignment, variations)
-    return {name: _values(parse_value(f"[{text}]"), text) for name, text in named}
-
-
-def _values(found: Any, text: str) -> list[Any]:
-    return found if isinstance(found, list) else [parse_value(word) for word in text.split(",")]
-
-
-def _word(value: Any) -> str:
-    return json.dumps(value).replace(" ", "").replace('"', "").replace("/", "_")
+def parse_variations(variations: Sequence[str]) -> dict[str, list[str]]:
+    """``["ppo.steps=8,16"]`` as a mapping to texts; errors as in ``with_changes``."""
+    return {name: _VALUE.findall(text) for name, text in map(split_assignment, variations)}
 
 
 def training_devices(device: str) -> list[str]:
