@@ -150,7 +150,7 @@ def foot_masses(
     masses: list[FloatArray] = []
     for geom in (geom for geom in range(model.ngeom) if model.geom(geom).name.endswith("_foot")):
         mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
-        along = jacobian[np.ix_(axes, moving)]
+        along = np.ascontiguousarray(jacobian[list(axes)][:, moving])
         try:
             moved = np.linalg.solve(inertia[np.ix_(moving, moving)], along.T)
         except np.linalg.LinAlgError:
