@@ -141,24 +141,29 @@ def test_legs_cannot_pass_through_each_other(bp2, plant):
     assert frozenset(("FL", "FR")) in pairs
 
 
+COARSE = ModelOptions(timestep=0.004, contact_time_constant=0.008, knee_spring=False, dry_friction=False)
+TRAINING = ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler")
+
+
 @pytest.mark.parametrize(
-    "options",
-    [
-        PLANT,
-        ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler"),
-        ModelOptions(timestep=0.004, contact_time_constant=0.008, knee_spring=False, dry_friction=False),
-    ],
-    ids=["plant", "training", "coarse"],
+    ("name", "options"),
+    [("bp2", PLANT), ("bp2", TRAINING), ("bp2", COARSE), ("go1", PLANT), ("go2", PLANT)],
+    ids=["plant", "training", "coarse", "go1", "go2"],
 )
-def test_the_robot_stands_for_two_seconds(bp2, options):
-    model = build_model(bp2, options)
-    data, lowest = run_standing(bp2, model, 2.0)
-    assert lowest > 0.50
-    assert data.body("trunk").xmat[8] > 0.999
+def test_the_robot_stands_for_two_seconds(name, options):
+    robot = load_robot(name)
+    model, weight = build_model(robot, options), robot.total_mass * 9.81
+    data, lowest = run_standing(robot, model, 2.0)
+    assert lowest > 0.9 * robot.standing_height
+    assert data.body("trunk").xmat[8] > 0.99
     assert np.abs(data.qvel).max() < 0.1
-    sag = 36.5 * 9.81 / 4 / options.foot.stiffness
+    sag = weight / 4 / options.foot.stiffness
     assert 0.4 * sag < -data.contact.dist.mean() < 1.02 * sag  # a coarse step's pad is stiffer
-    assert data.qfrc_constraint[2] == pytest.approx(36.5 * 9.81, rel=0.01)
+    assert data.qfrc_constraint[2] == pytest.approx(weight, rel=0.01)
+    touching = {
+        frozenset((model.geom(int(c.geom1)).name, model.geom(int(c.geom2)).name)) for c in data.contact
+    }
+    assert touching == {frozenset(("floor", f"{leg}_foot")) for leg in robot.leg_names}
 
 
 def test_the_knee_springs_give_way_under_the_robot(bp2, plant):
