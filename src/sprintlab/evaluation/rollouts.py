@@ -102,8 +102,8 @@ def load_rollout(path: str | Path) -> Rollout:
         raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
     if texts := [name for name, values in found.items() if values.dtype.kind not in "biuf"]:
         raise InvalidValueError(texts[0], "text", "numbers only")
-    fields: dict[str, Any] = {name: values.astype(float) for name, values in found.items()}
-    return Rollout(**fields, **names)
+    numbers: dict[str, Any] = {name: values.astype(float) for name, values in found.items()}
+    return Rollout(**{**numbers, **names})
 
 
 def _csv_tables(path: Path) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:

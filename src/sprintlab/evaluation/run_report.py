@@ -140,10 +140,11 @@ def make_run_pictures(
         lambda theme: comparison_figure(run, simulation, theme),
     )
     own = [figure for figure in trial_figures(run.trial, robot) if figure[0] != "gait"]
-    gait: list[PlannedFigure] = []
-    if simulation is not None:
-        drawn = (figure for figure in trial_figures(simulation, robot) if figure[0] == "gait")
-        gait = [(name, f"{title} in simulation", *rest) for name, title, *rest in drawn]
+    gait: list[PlannedFigure] = [
+        (name, f"{title} in simulation", caption, draw)
+        for name, title, caption, draw in (trial_figures(simulation, robot) if simulation else ())
+        if name == "gait"
+    ]
     return draw_pictures([comparison, *own, *gait], progress)
 
 
