@@ -71,7 +71,6 @@ def test_every_step_agrees_with_the_laws_it_is_made_of(model):
         assert after.state_of_charge == pytest.approx(charge, abs=1e-9)
         limited += int((np.abs(output.motor_torque - asked / ROBOT.gear.ratio) > 1e-9).any())
     assert 20 < limited < 200
-    assert after.lowest_bus_voltage < 0.99 * float(open_circuit_voltage(battery, 0.7))
     assert np.ptp(after.winding_temperature) > 1.0
 
 
@@ -140,7 +139,7 @@ def test_the_plant_uses_them_only_where_asked(standing_targets):
     assert plain.supply is None
     weakening = Plant(ROBOT, PlantOptions(motor_model="flux-weakening"), TrialSettings())
     assert weakening.supply is not None
-    assert weakening.supply.bus_voltage == weakening.supply.lowest_bus_voltage == ROBOT.bus_voltage
+    assert weakening.supply.bus_voltage == ROBOT.bus_voltage
     options = PlantOptions(
         battery=Battery(), heat=WindingHeat(), state_of_charge=0.5, winding_temperature=80.0
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,17 +14,6 @@ from sprintlab.evaluation.results import EstimateBand, Trajectory
 
 BAND_WIDTH = 2.0
 """Width of a speed band [m/s]."""
-
-ESTIMATE_COLUMNS = (
-    "speed [m/s]",
-    "policy steps",
-    "forward bias [m/s]",
-    "forward error [m/s]",
-    "velocity error [m/s]",
-    "height error [cm]",
-    "contact right [%]",
-)
-"""Headings of ``estimate_cells``; errors are root mean squares."""
 
 
 def estimate_bands(trajectory: Trajectory) -> tuple[EstimateBand, ...]:
@@ -68,30 +58,17 @@ def merge_bands(bands: Iterable[EstimateBand]) -> tuple[EstimateBand, ...]:
     by_speed: dict[float, list[EstimateBand]] = {}
     for band in bands:
         by_speed.setdefault(band.lower, []).append(band)
-    return tuple(total_band(by_speed[lower]) for lower in sorted(by_speed))
+    return tuple(_merged(by_speed[lower]) for lower in sorted(by_speed))
 
 
-def total_band(bands: Sequence[EstimateBand]) -> EstimateBand:
-    """Bands as one: means weighted by the number of samples, root mean squares by their squares."""
+def _merged(bands: Sequence[EstimateBand]) -> EstimateBand:
+    """Bands of one speed as one: means by the number of samples, root mean squares by their squares."""
     weights = [band.samples for band in bands]
 
     def mean(name: str, power: int = 1) -> float:
         values = [getattr(band, name) ** power for band in bands]
         return float(np.average(values, weights=weights)) ** (1.0 / power)
 
-    return EstimateBand(
-        lower=min(band.lower for band in bands),
-        upper=max(band.upper for band in bands),
-        samples=sum(weights),
-        **{name: mean(name) for name in ("forward_bias", "contact_accuracy")},
-        **{name: mean(name, 2) for name in ("forward_error", "velocity_error", "height_error")},
-    )
-
-
-def estimate_cells(bands: Sequence[EstimateBand]) -> Iterator[tuple[str, ...]]:
-    """One row a speed band, and one for all of them, as text under ``ESTIMATE_COLUMNS``."""
-    rows = [(f"{band.lower:g} to {band.upper:g}", band) for band in bands]
-    for name, band in [*rows, ("all", total_band(bands))] if bands else ():
-        errors = (f"{value:.2f}" for value in (band.forward_error, band.velocity_error))
-        shares = (f"{100 * value:.1f}" for value in (band.height_error, band.contact_accuracy))
-        yield name, str(band.samples), f"{band.forward_bias:+.2f}", *errors, *shares
+    means = {name: mean(name) for name in ("forward_bias", "contact_accuracy")}
+    roots = {name: mean(name, 2) for name in ("forward_error", "velocity_error", "height_error")}
+    return replace(bands[0], samples=sum(weights), **means, **roots)

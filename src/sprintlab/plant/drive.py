@@ -33,7 +33,6 @@ class SupplyState:
     """How battery and windings are."""
 
     bus_voltage: float  # in the last motor step [V]
-    lowest_bus_voltage: float  # so far [V]
     state_of_charge: float  # [-]; 1 for a bus without a battery
     winding_temperature: FloatArray | None  # (joints,) [degC]; None where heat is off
     copper_loss: FloatArray  # (joints,) in the last motor step [W]
@@ -84,7 +83,7 @@ class SuppliedDrive:
         if i2t is not None:
             self._decay = np.asarray(i2t_decay(i2t, robot.motors, step))
         self._battery, self._heat, self._step = battery, heat, step
-        self._bus_voltage, self._lowest = bus_voltage, np.inf
+        self._bus_voltage = bus_voltage
         self._charge = state_of_charge
         self._temperature = np.full(len(robot.joint_names), float(winding_temperature))
         self._housing = self._temperature
@@ -95,7 +94,6 @@ class SuppliedDrive:
         """Battery and windings now."""
         return SupplyState(
             bus_voltage=self._bus_voltage,
-            lowest_bus_voltage=min(self._lowest, self._bus_voltage),
             state_of_charge=self._charge,
             winding_temperature=None if self._heat is None else self._temperature.copy(),
             copper_loss=self._loss,
@@ -138,7 +136,6 @@ class SuppliedDrive:
             return self._drive.power(self._drive.currents(desired, velocity), velocity)
 
         self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
-        self._lowest = min(self._lowest, self._bus_voltage)
         self._drive.set_bus_voltage(self._bus_voltage)
 
 
