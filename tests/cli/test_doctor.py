@@ -15,8 +15,9 @@ from sprintlab.api import doctor
 def no_gpu(monkeypatch):
     """A machine with PyTorch but no GPU; OpenGL does not render."""
 
-    def probe(code):
-        return (True, "compiled") if code is doctor._COMPILE else (False, "RuntimeError: no GPU here")
+    def probe(code, advice):
+        works = code is doctor._COMPILE
+        return ("ok", "compiled", "") if works else ("broken", "RuntimeError: no GPU here", advice)
 
     monkeypatch.setattr(doctor, "_probe", probe)
     monkeypatch.setattr(doctor.metadata, "version", lambda package: "1.0")

@@ -51,14 +51,9 @@ def mjlab():
 
 def motor(**changes):
     values = {
-        "pole_pairs": 21,
-        "stator_resistance": 0.13,
-        "q_axis_inductance": 80e-6,
-        "flux_linkage": 2.87e-3,
-        "peak_torque": 3.95,
-        "saturation": 0.12,
-        "rotor_inertia": 1e-4,
-    }
+        "pole_pairs": 21, "stator_resistance": 0.13, "q_axis_inductance": 80e-6, "flux_linkage": 2.87e-3,
+        "peak_torque": 3.95, "saturation": 0.12, "rotor_inertia": 1e-4,
+    }  # fmt: skip
     return PmsmParameters(**{**values, **changes})
 
 
@@ -69,12 +64,7 @@ def motors(one=None, ratio=6.0, **names):
 
 
 def configuration(**changes):
-    values = {
-        "target_names_expr": (".*",),
-        "stiffness": 20.0,
-        "damping": 1.0,
-        "motors": motors(),
-    }
+    values = {"target_names_expr": (".*",), "stiffness": 20.0, "damping": 1.0, "motors": motors()}
     return PmsmActuatorCfg(**{**values, **changes})
 
 
@@ -120,16 +110,9 @@ def expected_torque(command, motors, ratio, bus_voltage, model):
 
 
 @pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_the_law_is_that_of_the_motor_package(build, model):
-    command = random_command(2)
-    torque = build(model=model).compute(command)
-    expected = expected_torque(command, stack_motors([motor(), motor()]), [6.0, 6.0], 20.0, model)
-    assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
-
-
-def test_groups_with_different_motors_fuse_into_one(build):
+def test_groups_with_different_motors_fuse_into_one_law_which_is_that_of_the_motor_package(build, model):
     strong = motor(peak_torque=8.0, flux_linkage=5e-3)
-    groups = [build(), build(first_joint=2, motors=motors(strong, ratio=9.0))]
+    groups = [build(model=model), build(first_joint=2, motors=motors(strong, ratio=9.0), model=model)]
     fused, remaining = FusedActuatorGroup.process(groups)
     assert remaining == () and len(fused._groups) == 1
     fused.initialize(ENVIRONMENTS, "cpu")
@@ -137,7 +120,7 @@ def test_groups_with_different_motors_fuse_into_one(build):
     command = random_command(4)
     torque = group.actuator_type.control_law(group.params, command)
     four = stack_motors([motor(), motor(), strong, strong])
-    expected = expected_torque(command, four, [6.0, 6.0, 9.0, 9.0], 20.0, "refined")
+    expected = expected_torque(command, four, [6.0, 6.0, 9.0, 9.0], 20.0, model)
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 

@@ -138,15 +138,18 @@ def package_outcome(name: str, extra: str) -> Outcome:
         return "missing" if extra else "broken", "not installed", advice
 
 
-def _probe(code: str) -> tuple[bool, str]:
-    """Whether code runs in a process of its own, where it may crash or hang, and the last line it prints."""
+def _probe(code: str, advice: str) -> Outcome:
+    """Run code in a process of its own, where it may crash or hang; found is the last line that it prints."""
+    if package_outcome("torch", "train")[0] != "ok":
+        return "missing", "no PyTorch", "pip install 'sprintlab[train]'"
     command = [*new_interpreter(), "-c", code]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        return False, f"no answer in {_PROBE_SECONDS:.0f} s"
+        return "broken", f"no answer in {_PROBE_SECONDS:.0f} s", advice
     lines = (done.stderr if done.returncode else done.stdout).strip().splitlines()
-    return done.returncode == 0, lines[-1].strip()[:200] if lines else f"exit status {done.returncode}"
+    said = lines[-1].strip()[:200] if lines else f"exit status {done.returncode}"
+    return ("broken", said, advice) if done.returncode else ("ok", said, "")
 
 
 def _driver() -> Outcome:
@@ -162,13 +165,9 @@ def _driver() -> Outcome:
 
 
 def _cuda() -> Outcome:
-    if package_outcome("torch", "train")[0] != "ok":
-        return _NO_PYTORCH
     if _driver()[0] != "ok":
         return "missing", "no GPU", "needs a GPU and its driver, see above"
-    works, said = _probe(_CUDA)
-    advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
-    return ("ok", said, "") if works else ("broken", said, advice)
+    return _probe(_CUDA, "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)")
 
 
 def _compiler() -> Outcome:
@@ -180,13 +179,10 @@ def _compiler() -> Outcome:
 
 
 def _compilation() -> Outcome:
-    if package_outcome("torch", "train")[0] != "ok":
-        return _NO_PYTORCH
+    if _compiler()[0] == "missing":
+        return "missing", "no C compiler", "needs one, see above"
     keep_compiled_code_private()
-    works, said = _probe(_COMPILE)
-    advice = "needs a C compiler, Python's headers (apt install python3-dev) and on a GPU Triton"
-    state = "missing" if _compiler()[0] == "missing" else "broken"
-    return ("ok", said, "") if works else (state, said, advice)
+    return _probe(_COMPILE, "needs Python's headers (apt install python3-dev) and on a GPU Triton")
 
 
 def _opengl() -> Outcome:
@@ -209,6 +205,3 @@ def room_at(folder: Path) -> Outcome:
     free = shutil.disk_usage(place).free
     advice = f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB" if free < LEAST_DISK else ""
     return "broken" if advice else "ok", f"{free / 1e9:.1f} GB free at {place}", advice
-
-
-_NO_PYTORCH: Outcome = ("missing", "no PyTorch", "pip install 'sprintlab[train]'")

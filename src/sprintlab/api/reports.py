@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from sprintlab.api.policies import known_robot, load_policy
 from sprintlab.api.results import Progress, Result, kept, silent, table
@@ -14,11 +13,7 @@ from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment import log as logs
-from sprintlab.robots import RobotDescription, load_robot
-
-if TYPE_CHECKING:
-    from sprintlab.evaluation.results import TrialResult
-    from sprintlab.evaluation.run_report import TrackRun
+from sprintlab.robots import load_robot
 
 
 @checked
@@ -53,7 +48,13 @@ def report(
     if simulation and policy is None and told not in shipped_policies():  # no log chooses a file
         raise SprintlabError(f"{log.name} is of policy {told!r}, unknown here: name its file with --policy")
     from sprintlab.api.log_trial import logged_run
-    from sprintlab.evaluation.run_report import number_rows, run_numbers, simulate_commands
+    from sprintlab.evaluation.run_report import (
+        make_run_pictures,
+        number_rows,
+        render_run_report,
+        run_numbers,
+        simulate_commands,
+    )  # fmt: skip
 
     run, simulated = logged_run(record, described, distance), None
     if simulation:
@@ -67,28 +68,15 @@ def report(
     shown = table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
     found = Result(numbers={**numbers, "folder": None}, shown=[shown], found=run)
     with kept(found):
-        _write(folder, run, simulated, described, numbers, progress)
+        pictures = make_run_pictures(
+            run, simulated, described, lambda what: progress(f"drawing: {what.lower()}", None)
+        )
+        faults = ((f"fault {name}", str(count)) for name, count in run.faults.items())
+        page = render_run_report(run, simulated, pictures, [*record.facts.items(), *faults])
+        with files.atomic_directory(folder) as temporary:
+            for picture in pictures:
+                files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
+            files.atomic_write_json(temporary / "result.json", numbers)
+            files.atomic_write_text(temporary / "report.html", page)
     where = f"\nreport: {folder / 'report.html'}"
     return replace(found, numbers={**numbers, "folder": str(folder)}, shown=[shown, where])
-
-
-def _write(
-    folder: Path,
-    run: TrackRun,
-    simulation: TrialResult | None,
-    robot: RobotDescription,
-    numbers: dict[str, Any],
-    progress: Progress,
-) -> None:
-    from sprintlab.evaluation.run_report import make_run_pictures, render_run_report
-
-    pictures = make_run_pictures(
-        run, simulation, robot, lambda what: progress(f"drawing: {what.lower()}", None)
-    )
-    faults = ((f"fault {name}", str(count)) for name, count in numbers["faults"].items())
-    page = render_run_report(run, simulation, pictures, [*numbers["facts"].items(), *faults])
-    with files.atomic_directory(folder) as temporary:
-        for picture in pictures:
-            files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
-        files.atomic_write_json(temporary / "result.json", numbers)
-        files.atomic_write_text(temporary / "report.html", page)

@@ -234,11 +234,7 @@ VERDICTS = {True: styled("[green]pass[/]"), False: styled("[bold red]FAIL[/]")}
 
 @contextmanager
 def kept(found: Result) -> Generator[None]:
-    """Write a result's files in the block; if the disk refuses, the error carries the result.
-
-    Raises:
-        UnwrittenError: as it was raised in the block; its ``found`` is the result.
-    """
+    """Write a result's files in the block; if the disk refuses, ``found`` of the error is the result."""
     try:
         yield
     except UnwrittenError as error:
@@ -251,9 +247,6 @@ def exit_if_worker() -> None:
 
     A script without ``if __name__ == "__main__":`` calls the same function again in every worker; the parent
     then says what is missing (``evaluation.pool``).
-
-    Raises:
-        SystemExit: this is such a worker.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise SystemExit(1)

@@ -130,10 +130,7 @@ def _kind(kind: Any) -> Any:
 def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
     """Call a function with what was typed; print and draw the result, and return its status.
 
-    A result is printed also where its files or its picture cannot be written.
-
-    Raises:
-        SprintlabError: the picture cannot be drawn there, or what the function raises.
+    A result is printed also where its files or its picture cannot be written; then it raises all the same.
     """
     given = dict(given)
     json, drawn = given.pop("json"), {"figure": given.pop("figure")} if "figure" in given else {}
@@ -203,8 +200,7 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
     """The function that a command line names, and its arguments; nothing runs yet.
 
     Raises:
-        SprintlabError: there is no such command, or an option is not one of the command.
-        SystemExit: help was printed, or the command line makes no sense.
+        SprintlabError: there is no such command or option; ``SystemExit``: help was printed.
     """
     words, named, level = list(arguments), ["sprintlab"], ALL
     while isinstance(level, dict):
@@ -213,7 +209,7 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
             print(grouped_help(place, level if place else None))
             raise SystemExit(0 if words else REFUSED)
         if words[0] not in level:
-            hint = did_you_mean(words[0], level, f"{' '.join(named)} --help lists all commands")
+            hint = did_you_mean(words[0], level, " ".join(named))
             raise SprintlabError(f"there is no command {printable(words[0])}: {hint}")
         named.append(words.pop(0))
         level = level[named[-1]]
@@ -229,10 +225,10 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
     return command_function(level), vars(found)
 
 
-def did_you_mean(word: str, known: Any, otherwise: str, most: int = 2) -> str:
-    """``did you mean ...?`` with the nearest names, or what to do where none is near."""
-    near = difflib.get_close_matches(word, list(known), n=most, cutoff=0.5)
-    return f"did you mean {' or '.join(near)}?" if near else otherwise
+def did_you_mean(word: str, known: Any, command: str) -> str:
+    """``did you mean ...?`` with the nearest name, or what to do where none is near."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"did you mean {near[0]}?" if near else f"{command} --help lists all"
 
 
 def help_of(kind: Any) -> str:
@@ -249,17 +245,12 @@ def refuse_unknown_option(command: str, words: Sequence[str], help_text: str) ->
     for word in words:
         option = word.partition("=")[0].replace("_", "-")
         if option.startswith("--") and option not in known:
-            hint = did_you_mean(option, known, f"{command} --help lists all", most=1)
-            name = command.removeprefix("sprintlab ")
+            name, hint = command.removeprefix("sprintlab "), did_you_mean(option, known, command)
             raise SprintlabError(f"{name} has no option {printable(option)}: {hint}")
 
 
 def completion(arguments: Sequence[str]) -> None:
-    """Print a shell's completion script for all commands, as ``--tyro-print-completion SHELL`` asks.
-
-    Raises:
-        SystemExit: always; tyro ends after it.
-    """
+    """Print a shell's completion script, as ``--tyro-print-completion SHELL`` asks, and end."""
 
     def union(commands: dict[str, Any]) -> Any:
         kinds = (
