@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from rich.console import RenderableType
+from typing import Any
 
 from sprintlab.api.evaluations import protocol_settings
-from sprintlab.api.results import Drawn, Progress, silent, table
+from sprintlab.api.results import Drawn, Progress, drawn, records, silent
 from sprintlab.api.training import require_training
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_json
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sprintlab.evaluation.pool import WorkerProcesses
-    from sprintlab.motors import MotorModel
-    from sprintlab.robots import RobotDescription
-    from sprintlab.speed_limit import SearchSettings
+from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
+from sprintlab.evaluation.protocol import run_protocol
+from sprintlab.evaluation.reached import require_a_runner
+from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.motors import MotorModel, WindingHeat
+from sprintlab.plant import PlantOptions
+from sprintlab.robots import (
+    RobotDescription,
+    load_robot_file,
+    read_table,
+    robot_fingerprint,
+    robot_table_path,
+)  # fmt: skip
+from sprintlab.speed_limit import Fastest, SearchSettings
+from sprintlab.speed_limit import designs as laws
+from sprintlab.training.runs import sweep
 
 RECORD = "design.json"
 METHODS: dict[MotorModel, str] = {"refined": "acs", "simplified-dc": "simplified-dc"}
@@ -54,9 +60,9 @@ def design(
     progress: Progress = silent,
 ) -> Drawn:
     """Choose gears and winding at fixed mass, and say what leaving the d-axis voltage out would cost.
-
-    Every design gets a folder with its robot's table, which other commands take as a robot, and a small
-    design.json. Start it again and it goes on; a design that is known is not computed again.
+    Every design gets a folder with its robot's table, which other commands take, and its design.json; the
+    same command goes on where it was.
+    Example: sprintlab design bp2 --vary gear.hip=6:10:5 --vary winding=0.8,1,1.2
 
     Args:
         robot: name of a robot, or the path of its folder or table.
@@ -70,18 +76,8 @@ def design(
         train: also train this many seeds for each design under each motor model, and run them in the plant.
         minutes: length of each of these trainings.
         device: of the trainings: auto for all GPUs of this machine, one training on each; or cuda:0, cpu.
-        workers: processes that search for strides; one per core when left out.
         output: folder in which the robot's designs get a folder of its name.
-        progress: called with what is being done and the share done.
-
-    Raises:
-        SprintlabError: an unknown robot, a bad option, or a training that fails.
     """
-    from sprintlab.evaluation.pool import WorkerProcesses
-    from sprintlab.robots import read_table, robot_table_path
-    from sprintlab.speed_limit import SearchSettings
-    from sprintlab.speed_limit import designs as laws
-
     check_range("train", train, 0, 100)
     check_positive("minutes", minutes, "min")
     if current is not None:
@@ -113,10 +109,6 @@ def design(
 
 def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]]) -> dict[str, Any]:
     """The record of a design with its speed limits under both motor models, computed where it is missing."""
-    from sprintlab.robots import load_robot_file, robot_fingerprint
-    from sprintlab.speed_limit import Fastest
-    from sprintlab.speed_limit import designs as laws
-
     folder, values = place
     robot = load_robot_file(folder / "parameters.toml")
     asked = {**asdict(settings), "robot_fingerprint": robot_fingerprint(robot)}
@@ -132,11 +124,7 @@ def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]])
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """The record of a design; empty where there is none yet.
-
-    Raises:
-        SprintlabError: the file is damaged.
-    """
+    """The record of a design; empty where there is none yet. Raises ``SprintlabError``."""
     path = folder / RECORD
     return read_json(path, what="record") if path.is_file() else {}
 
@@ -144,17 +132,11 @@ def read_record(folder: Path) -> dict[str, Any]:
 def train_designs(
     folders: Sequence[Path], seeds: int, minutes: float, device: str, progress: Progress
 ) -> None:
-    """Train every design under both motor models, a training on each GPU at a time.
-
-    Raises:
-        SprintlabError: a training failed.
-    """
-    from sprintlab.training.runs.sweep import plan_sweep, train_all, training_devices
-
+    """Train every design under both motor models, a training on each GPU. Raises ``SprintlabError``."""
     runs = [
         replace(run, name=f"{folder.name} {run.name}", words=(*run.words, "--plain"))
         for folder in folders
-        for run in plan_sweep(
+        for run in sweep.plan_sweep(
             folder,
             robot=str(folder / "parameters.toml"),
             methods=tuple(METHODS.values()),
@@ -167,17 +149,14 @@ def train_designs(
         done = sum(state == "finished" for state in states.values())
         progress(f"{done} of {len(runs)} trainings finished", done / len(runs))
 
-    train_all(runs, training_devices(device), 1, watch)
+    sweep.train_all(runs, sweep.training_devices(device), 1, watch)
 
 
 def trained_of(folder: Path, seeds: int, processes: WorkerProcesses) -> dict[str, Any]:
     """The record of a design with what its policies hold in the plant, run where that is missing.
-
     The policies of each motor model run with that motor, which is what their designer believes; those of
     v_d = 0 also with the refined one.
     """
-    from sprintlab.robots import load_robot_file
-
     record, robot = read_record(folder), load_robot_file(folder / "parameters.toml")
     known: dict[str, Any] = record.setdefault("policies", {})
     for model in METHODS:
@@ -209,13 +188,6 @@ def held_by(
         Speed [m/s]; of a policy that runs also power from the bus [W] and the hottest winding at the end of
         a hold from 25 degC [degC].
     """
-    from sprintlab.evaluation.pool import TrialPool
-    from sprintlab.evaluation.protocol import run_protocol
-    from sprintlab.evaluation.reached import require_a_runner
-    from sprintlab.evaluation.trial import TrialRequest
-    from sprintlab.motors import WindingHeat
-    from sprintlab.plant import PlantOptions
-
     plant = PlantOptions(motor_model=model)
     settings = protocol_settings(TRIALS, 0, start=1.0, top=16.0, grid=0.5, first_step=1.0, plant=plant)
     with TrialPool(policy, robot, processes=processes) as pool:
@@ -247,30 +219,25 @@ def _mean_of(seeds: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {**found, **means}
 
 
-# --- what is printed -------------------------------------------------------------------------------------
-
-
 def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
-    """Table, map and the sentences."""
-    from sprintlab.speed_limit.designs import choose, design_name
-
-    def draw() -> Figure:
-        from sprintlab.speed_limit.figure import designs_figure
-
-        return designs_figure(name, rows)
-
-    chosen = [found for source in ("limits", "trained") if (found := choose(rows, source))]
+    """Table of the fastest by the refined motor's limit, map and the sentences."""
+    chosen = [found for source in ("limits", "trained") if (found := laws.choose(rows, source))]
     sentences = [choice.sentence() for choice in chosen]
     numbers = {
         "robot": name,
         "designs": [_rounded(row) for row in rows],
         "chosen": {
-            choice.source: {model: design_name(each) for model, each in choice.chosen.items()}
+            choice.source: {model: laws.design_name(each) for model, each in choice.chosen.items()}
             for choice in chosen
         },
         "sentences": sentences,
     }
-    return Drawn(numbers=numbers, shown=[*_tables(name, rows), *sentences], found=chosen, draw=draw)
+    ranked = sorted(rows, key=lambda row: -row["limits"]["refined"]["speed_m_s"])[:SHOWN]
+    title = f"Designs of {name}, {len(ranked)} of {len(rows)}, fastest first"
+    note = "by v_d = 0: what a motor model without the d-axis voltage promises; all else by the refined motor"
+    shown = [records(title, [_row(each) for each in ranked]), note, *sentences]
+    draw = drawn("speed_limit.figure.designs_figure", name, rows)
+    return Drawn(numbers=numbers, shown=shown, found=chosen, draw=draw)
 
 
 def _rounded(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -279,29 +246,20 @@ def _rounded(row: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(kept), parse_float=lambda text: round(float(text), 3))
 
 
-def _tables(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
-    """The fastest designs by the refined motor's limit."""
-    ranked = sorted(rows, key=lambda row: -row["limits"]["refined"]["speed_m_s"])[:SHOWN]
-    trained = any(row.get("trained") for row in rows)
-    columns = [
-        *ranked[0]["design"],
-        "limit [m/s]",
-        "by v_d = 0",
-        "current [A]",
-        "power [W]",
-        "winding [degC]",
-    ]
-    columns += ["trained [m/s]", "by v_d = 0", "judged"] if trained else []
-    title = f"Designs of {name}, {len(ranked)} of {len(rows)}, fastest first"
-    yield table(title, *columns, numbers=tuple(columns), rows=map(_cells, ranked))
-    yield "by v_d = 0: what a motor model without the d-axis voltage promises; all else by the refined motor"
-
-
-def _cells(row: Mapping[str, Any]) -> Iterator[str]:
+def _row(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What stands of a design in the table."""
     judge, other = (row["limits"][model] for model in METHODS)
-    yield from (f"{value:g}" for value in row["design"].values())
-    yield from (f"{each['speed_m_s']:.2f}" for each in (judge, other))
-    yield from (f"{value:.0f}" for value in (row["current_A"], judge["power_W"], judge["winding_degC"]))
+    found = {**row["design"], "limit_m_s": judge["speed_m_s"], "by v_d = 0": other["speed_m_s"]}
+    found |= {
+        "current_A": row["current_A"],
+        "power_W": judge["power_W"],
+        "winding_degC": judge["winding_degC"],
+    }
     if trained := row.get("trained"):
-        yield from (f"{trained[model]['speed_m_s']:.2f}" for model in METHODS)
-        yield f"{trained['simplified-dc']['judged_m_s']:.2f}"
+        held, promised = (trained[model]["speed_m_s"] for model in METHODS)
+        found |= {
+            "trained_m_s": held,
+            "trained by v_d = 0": promised,
+            "judged_m_s": trained["simplified-dc"]["judged_m_s"],
+        }
+    return found

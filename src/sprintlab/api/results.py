@@ -30,7 +30,7 @@ PLAIN_WIDTH = 140
 UNITS = {
     "rad2_s2": "rad²/s²", "rad2_s": "rad²/s", "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "N_m": "N m",
     "degC": "degC", "percent": "%", "us": "µs", "ms": "ms", "kg": "kg", "Hz": "Hz", "s": "s", "m": "m",
-    "J": "J", "W": "W", "V": "V",
+    "J": "J", "W": "W", "V": "V", "A": "A",
 }  # fmt: skip
 """Ends of keys of numbers, and the units that they mean."""
 _NOTEBOOK = '<pre style="white-space: pre; overflow-x: auto; line-height: normal">{code}</pre>'
@@ -196,7 +196,7 @@ def records(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     heads = {key: f"{name} [{unit}]" if unit else name for key, (name, unit) in named.items()}
     right = [head for key, head in heads.items() if isinstance(rows[0][key], int | float | None)]
     return table(
-        title, *heads.values(), numbers=right, rows=([cell(row[key]) for key in heads] for row in rows)
+        title, *heads.values(), numbers=right, rows=([cell(row.get(key)) for key in heads] for row in rows)
     )
 
 
