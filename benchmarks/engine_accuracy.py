@@ -28,11 +28,11 @@ PADS = [(k, e) for k in (40e3, 80e3, 160e3) for e in (0.2, 0.4, 0.6)]
 """Stiffness [N/m] and restitution of the pads that are dropped on: the band of what no maker states."""
 SPEEDS, ALONG, FRICTION = (2.0, 4.0), 6.0, 0.8
 PHASES = (np.arange(4) + 0.5) / 4
-"""Of a time step between start and touchdown."""
+"""Shares of a time step between start and touchdown."""
 FINE = 2e-5
 """Time step of the reference [s]."""
 _FLIGHT = 0.002  # between the start and the touchdown [s]
-_LONGEST = 0.04  # of a drop [s]
+_LONGEST = 0.04  # longest time of a drop [s]
 
 
 def acceleration_error(name: str, states: int = STATES) -> float:

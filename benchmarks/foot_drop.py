@@ -88,8 +88,8 @@ def drop_course(
         mass: [kg].
         velocity: down and along [m/s].
         timestep: [s].
-        phase: of a time step between start and touchdown, 0 to 1.
-        step: of the engine.
+        phase: phase of a time step between start and touchdown, 0 to 1.
+        step: step of the engine.
     """
     down, along = velocity
     model = drop_model(mass, timestep)

@@ -25,7 +25,7 @@ from sprintlab.robots import (
 )
 
 PHASES = (0.1, 0.35, 0.6, 0.85)
-"""Of a time step, at which a dropped leg touches down."""
+"""Shares of a time step at which a dropped leg touches down."""
 
 
 def drops(mass: float) -> None:

@@ -26,7 +26,7 @@ COMMANDS = tuple(np.arange(1.0, 6.01, 0.5))
 RISE, HOLD, JUDGED = 2.0, 5.0, 2.0  # [m/s^2], [s], the hold's last [s]
 POLICY_STEPS = 20  # motor steps of 1 ms in one decision
 HEADING_GAIN, LARGEST_YAW_RATE = 0.5, 0.7  # as in mjlab's heading commands [1/s], [rad/s]
-IMU = np.array([-0.01592, -0.06659, -0.00617])  # of mjlab's Go1 in its trunk [m]
+IMU = np.array([-0.01592, -0.06659, -0.00617])  # place of the sensor in the trunk of mjlab's Go1 [m]
 
 
 class Policy(NamedTuple):

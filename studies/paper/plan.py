@@ -23,7 +23,7 @@ NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
 OTHERS = ("rlvrl", "lp-acrl", "hound")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""
 ITERATIONS = 3000
-"""Of every training: the same samples for every method, however many share a GPU."""
+"""Iterations of every training: the same for every method, however many share a GPU."""
 SPARE_SECONDS = 30.0
 """Before the end of the budget, at which trainings are told to save and end [s]."""
 
@@ -34,8 +34,8 @@ class Training:
 
     Attributes:
         preset: reward table.
-        method: of ``training.methods.ALL_METHODS``.
-        seed: of its random numbers.
+        method: method of ``training.methods.ALL_METHODS``.
+        seed: seed of its random numbers.
     """
 
     preset: str
@@ -128,7 +128,7 @@ class Train:
         device: ``cuda:0`` or ``cpu``.
         minutes: after which everything has ended; a training that is cut short saves and goes on next time.
         parallel: trainings side by side on the device.
-        iterations: of each training.
+        iterations: iterations of each training.
         environments: robots side by side in each; the default of ``sprintlab train`` when left out.
         retries: how often a training that failed or was killed is started again.
     """

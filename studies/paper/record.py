@@ -66,14 +66,14 @@ class Run(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Everything that the study keeps of one training.
 
     Attributes:
-        method: of the training.
+        method: method of the training.
         preset: reward table, one of ``PRESETS``.
-        seed: of the training.
+        seed: seed of the training.
         command_line: that trained it.
         environment_steps: policy steps of all robots in the training.
         policy_sha256: of the policy file.
-        date: of the evaluation, ISO 8601.
-        versions: of the packages that evaluated it.
+        date: date of the evaluation, ISO 8601.
+        versions: versions of the packages that evaluated it.
         places: every commanded speed that was tried, rising, by name in ``PLACES``.
         fastest: details at the command at which most is held; ``None`` where nothing completed.
     """

@@ -87,7 +87,7 @@ def _middle(values: Any, axis: int = -1) -> Any:
 def _faster(ours: Any, theirs: Any, axis: int = -1) -> Any:
     from scipy import stats
 
-    with np.errstate(divide="ignore", invalid="ignore"):  # of the test's p-value, which is not used
+    with np.errstate(divide="ignore", invalid="ignore"):  # raised by the test's p-value, which is not used
         wins = stats.mannwhitneyu(ours, theirs, axis=axis, method="asymptotic").statistic
     return wins / (ours.shape[axis] * theirs.shape[axis])
 

@@ -66,7 +66,7 @@ class Verdict:
         theirs: that of the other method [m/s].
         gain: difference of both [m/s].
         faster: probability that a seed of ``acs`` is the faster one.
-        seeds: of both methods.
+        seeds: seeds of both methods.
         said: ``CONFIRMED``, ``REFUTED``, ``EQUAL``, ``OPEN`` or ``NOT_RUN``.
     """
 

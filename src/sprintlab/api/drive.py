@@ -22,7 +22,7 @@ class DriveOptions:
         battery: put the robot's battery behind the bus that all joints share.
         heat: let copper loss warm the windings.
         supply: file (TOML) with tables [battery], [heat], [i2t]; turns on what it holds.
-        state_of_charge: of the battery at the start, 0 to 1.
+        state_of_charge: state of charge of the battery at the start, 0 to 1.
         winding_temperature: at the start [degC].
     """
 

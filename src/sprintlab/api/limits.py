@@ -99,7 +99,7 @@ def audit_rollout(
     Args:
         rollout: CSV or NPZ (columns: docs/check-your-policy.md), or a log of sprintlab run (MCAP).
         motor: a motor file, a data sheet, an actuator of the library, or a robot with all its motors.
-        joint: of a robot: give all joints this one's motor (abad, hip or knee).
+        joint: joint whose motor all joints of the robot get (abad, hip or knee).
     """
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
 

@@ -31,7 +31,7 @@ RATE = 500.0
 _SHORTEST = 0.5  # run that is drawn [s]
 _SPARSEST = 100.0  # control steps a second of a log that is drawn; a controller makes a thousand
 
-_FULL_SHARE = 0.95  # of the highest command: from there on it counts as held
+_FULL_SHARE = 0.95  # share of the highest command: from there on it counts as held
 
 
 def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100.0) -> TrackRun:

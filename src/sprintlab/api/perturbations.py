@@ -164,7 +164,7 @@ def robustness(
         trials: sprints with everything randomized at once.
         cause_trials: sprints of each cause alone, and of the nominal robot.
         top_speed: speed asked for [m/s]; when left out, the folder's, or what a search finds.
-        seed: of the first sprint; the next one has the next seed.
+        seed: seed of the first sprint; the next one has the next seed.
         output: folder of the sprints; runs/robustness-<policy> when left out.
     """
     name = policy_path(policy).stem

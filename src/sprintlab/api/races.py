@@ -122,7 +122,7 @@ def race(
     Example: sprintlab race sprint --top-speed 13.25
 
     Args:
-        top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
+        top_speed: top speed of the profile [m/s]; when left out, a search finds that at which most is held.
         engine: mujoco, drake (extra drake), or both: sprint and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.

@@ -22,7 +22,7 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
     """Run a few trials of a training's policy in the plant, and say what came of them.
 
     Args:
-        folder: of the run, with its log and its policy.
+        folder: folder of the run, with its log and its policy.
         robot: that was trained: name, folder or table.
 
     Raises:

@@ -59,7 +59,7 @@ def import_robot(
     Args:
         source: MJCF or URDF of a quadruped with three hinges a leg.
         choices: TOML file (from Python also sl.RobotChoices) of motors, gears and gains; options override it.
-        name: of the robot; by default the file's name.
+        name: name of the robot; by default the file's name.
         abad_motor: motor file, name of a library motor, or ROBOT:JOINT such as bp2:abad.
         hip_motor: the same for the hips.
         knee_motor: the same for the knees.

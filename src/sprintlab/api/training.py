@@ -70,7 +70,7 @@ def method(
         changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
         robot: name, folder or table; lengths, speeds and masses are scaled to it.
         environments: robots side by side.
-        seed: of every random generator.
+        seed: seed of every random generator.
 
     Raises:
         SprintlabError: an unknown method or setting, or a value that is not allowed.
@@ -90,7 +90,7 @@ class Training(Drawn):
     """A training run; prints how far it has come, draws its curves, names its policy.
 
     Attributes:
-        folder: of the run: checkpoint, log, settings, policy.
+        folder: folder of the run: checkpoint, log, settings, policy.
     """
 
     folder: Path
@@ -141,7 +141,7 @@ def train(
             or bp2, when left out.
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
             uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, hound.
-        seed: of every random generator; that of the settings, or 0, when left out.
+        seed: seed of every random generator; that of the settings, or 0, when left out.
         minutes: training time over all sessions; without it and iterations 7 on a GPU, 60 on a CPU.
         iterations: stop at this iteration of the run; at most 30,000.
         environments: robots side by side; 32768 on a GPU and 2048 on a CPU when left out.
@@ -187,7 +187,7 @@ def train(
     log = read_rows(folder / "log.jsonl", LOG_LIMIT)
     numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
     shown: list[Any] = []
-    if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
+    if os.environ.get("RANK", "0") == "0":  # one of several processes prints
         remark("three trials in the plant tell what the policy reached")
         told = {name: numbers[name] for name in _SHOWN if name in numbers}
         shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]

@@ -22,7 +22,7 @@ Speeds = tuple[float, ...]
 
 MOST_POINTS = 64
 """Most points of a table."""
-_FASTEST = 100.0  # of any table [m/s]
+_FASTEST = 100.0  # highest speed of any table [m/s]
 _STANDING = 1.0  # below this an estimate tells whether the robot stands, and is left as it is [m/s]
 
 

@@ -19,7 +19,7 @@ DEFAULT_DEVICE = Path("/dev/input/js0")
 _EVENT = struct.Struct("=IhBB")
 _BUTTON, _AXIS, _FIRST_REPORT = 1, 2, 0x80
 _FULL = 32767.0
-_SPEED_AXIS, _TURN_AXIS = 1, 3  # of an Xbox pad: the left stick up is forward, the right one left turns left
+_SPEED_AXIS, _TURN_AXIS = 1, 3  # left stick up: forward; right stick left: turn left
 _DEAD_ZONE = 0.08  # share of an axis around its middle that counts as zero
 _NON_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # other systems lack it, and have no such devices
 

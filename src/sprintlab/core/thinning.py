@@ -14,7 +14,7 @@ MOST_OF_CURVE = 16_000
 MOST_OF_CLOUD = 20_000
 """Clouds of at most so many samples are drawn whole."""
 
-_STRETCHES = MOST_OF_CURVE // 8  # of a long curve: more than a figure has columns of pixels
+_STRETCHES = MOST_OF_CURVE // 8  # parts of a long curve: more than a figure has columns of pixels
 _COLUMNS, _ROWS = 1200, 900  # cells of a cloud: dots cover several, and their colours add up to the full one
 
 

@@ -76,7 +76,7 @@ class CudaKernel:
     """One policy step of all robots on a GPU, four threads per robot.
 
     Attributes:
-        registers: of one thread; ``local_bytes`` of it that do not fit.
+        registers: registers of one thread; ``local_bytes`` of it that do not fit.
     """
 
     def __init__(self, source: str, device: str) -> None:

@@ -72,7 +72,7 @@ class Engine:
         leg_distance: least surface distance of each of ``PAIRS`` of legs: thighs (but for their hips), shanks
             and feet, every 2 ms and at the end [m] ``(n, 6)``.
         foot_position, foot_velocity, knee_position: at the step's end [m], [m/s] ``(n, L, 3)``.
-        contact_force: of the ground on each foot in the last substep [N] ``(n, L, 3)``.
+        contact_force: contact force of the ground on each foot in the last substep [N] ``(n, L, 3)``.
 
     Args:
         robot: any robot of the package, or an imported one.

@@ -55,7 +55,7 @@ class EngineOptions:
 
     @property
     def loop_period(self) -> float:
-        """Of the motor loop [s]."""
+        """Period of the motor loop [s]."""
         return self.bin * self.timestep
 
     @property

@@ -46,11 +46,11 @@ class Link:
     """A body that moves on one hinge of its parent."""
 
     body: RigidBody  # its mass properties, with whatever is fixed to it
-    position: FloatArray  # of the hinge in the parent's frame ``(3,)`` [m]
+    position: FloatArray  # position of the hinge in the parent's frame ``(3,)`` [m]
     axis: int  # coordinate axis of the hinge, 0 to 2
     joint: str  # the hinge's name
     armature: float  # rotor inertia at the hinge [kg m^2]
-    stiffness: float  # of a passive spring [N m/rad]
+    stiffness: float  # stiffness of a passive spring [N m/rad]
     damping: float  # viscous friction [N m s/rad]
     rest: float  # angle at which the spring gives nothing [rad]
     qpos: int  # addresses in MuJoCo's state
@@ -63,7 +63,7 @@ class Leg:
 
     links: tuple[Link, ...]  # from the trunk outward
     foot: FloatArray  # middle of the foot's sphere in the last link's frame ``(3,)`` [m]
-    radius: float  # of that sphere [m]
+    radius: float  # radius of that sphere [m]
     rear: bool  # whether the leg hangs on the rear trunk, behind the waist
 
 

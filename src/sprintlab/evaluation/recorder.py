@@ -15,7 +15,7 @@ from sprintlab.motors import DriveOutput
 from sprintlab.plant import STANCE_FORCE, Plant
 
 _SHAPES = ("thigh", "shank", "foot")  # a sphere is a capsule whose axis has no length
-_SUPPLY = ("winding_temperature", "i2t_level")  # of ``SupplyState``, where they are not None
+_SUPPLY = ("winding_temperature", "i2t_level")  # fields of ``SupplyState``, where they are not None
 
 
 class Recorder:

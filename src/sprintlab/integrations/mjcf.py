@@ -44,11 +44,11 @@ class DcMotor:
     """MuJoCo's ``<dcmotor>`` that is nearest to a geared motor; plain numbers, motor side.
 
     Attributes:
-        constant: of torque and back-EMF K [N m/A = V s/rad].
+        constant: torque and back-EMF constant K [N m/A = V s/rad].
         resistance: [ohm].
         voltage: greatest input [V].
         peak_torque: greatest torque [N m].
-        ratio: of the gear [-].
+        ratio: gear ratio [-].
         rotor_inertia: [kg m^2]; MuJoCo makes it the joint's armature with the ratio's square.
     """
 

@@ -27,8 +27,8 @@ class MotorStep:
     Args:
         model: with one position or torque actuator per hinge joint.
         motors: by joint name, or one for all joints.
-        stiffness: of the PD loop [N m/rad].
-        damping: of the PD loop [N m s/rad].
+        stiffness: stiffness of the PD loop [N m/rad].
+        damping: damping of the PD loop [N m s/rad].
         motor_model: one of ``sprintlab.motors.MOTOR_MODELS``.
 
     Raises:

@@ -45,7 +45,7 @@ class RslRlEnvironment(VecEnv):
     """A training environment as rsl_rl's ``VecEnv``; whatever it hands out stays as it is.
 
     Args:
-        environment: of this package. Its actor sees the observation history ``(n, 45 H)`` in the group
+        environment: a training's. Its actor sees the observation history ``(n, 45 H)`` in the group
             ``actor``, its critic the privileged observation ``(n, 53)`` in the group ``critic``.
 
     Attributes:

@@ -44,8 +44,8 @@ class _CurrentPlane(NamedTuple):
     xp: Any
     torque_constant: Array  # 1.5 N psi [N m/A]
     current_limit: Array  # radius of the current disk [A]
-    radius: Array  # of the voltage disk [A]
-    distance: Array  # of the voltage disk's centre from the origin [A]
+    radius: Array  # radius of the voltage disk [A]
+    distance: Array  # distance of the voltage disk's centre from the origin [A]
     direct: Array  # d-axis component of the unit vector toward the centre, not positive
     quadrature: Array  # its q-axis component; has the opposite sign of the speed
     chord: Array  # distance of the crossings' chord from the origin along that vector [A]

@@ -30,7 +30,7 @@ COPPER_COEFFICIENT = 0.00393
 """Relative rise of copper's resistance per kelvin, of its value at 20 degrees Celsius [1/K] (IEC 60028)."""
 
 _COPPER_REFERENCE = 20.0  # [degC]
-_LEAST_RESISTANCE, _LEAST_FLUX = 0.1, 0.05  # of the factors, beyond any motor's life: nothing divides by zero
+_LEAST_RESISTANCE, _LEAST_FLUX = 0.1, 0.05  # lower bounds, beyond any motor's life
 _CAPACITIES, _RESISTANCES = (1e-3, 1e9), (1e-6, 1e6)  # [J/K], [K/W]: beyond, arithmetic ends
 
 

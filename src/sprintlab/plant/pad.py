@@ -62,7 +62,7 @@ def normal_force(law: PadLaw, deflection: float, sinking: float, timestep: float
 
     The deflection [m] at the instant is negative above the ground.
     """
-    begin, end = -0.5, 0.5  # of the step; the part of it in which the foot touches
+    begin, end = -0.5, 0.5  # part of the step in which the foot touches
     if sinking != 0.0:
         touch = min(max(-deflection / (sinking * timestep), begin), end)
         begin, end = (touch, end) if sinking > 0.0 else (begin, touch)

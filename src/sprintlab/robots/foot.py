@@ -34,9 +34,9 @@ RESTITUTION_BAND = (0.2, 0.6)
 """Restitution of a foot pad that its maker has not stated [-]."""
 
 _FRICTION_MASS = 10.0  # [kg] added along the ground: much more than a foot's, so that it does not creep
-_FRICTION_RATE = 0.9  # of the slip that a time step may take away; 1 is all of it
+_FRICTION_RATE = 0.9  # share of the slip that a time step may take away; 1 is all of it
 _LIGHTEST_FOOT = 0.15  # [kg] vertical inertia at the foot of a bent leg on its knee spring
-_LEAST_ADDED = 0.02  # of the dropped mass: what MuJoCo's regularization cannot do without
+_LEAST_ADDED = 0.02  # share of the dropped mass: what MuJoCo's regularization cannot do without
 _SAFETY = 1.1  # above the least added mass at which the time step is stable
 
 

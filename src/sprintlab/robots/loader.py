@@ -119,7 +119,7 @@ def _known_tables() -> dict[str, Path]:
 def _described(name: str, values: Values) -> RobotDescription:
     """The robot of a checked table's values by quantity."""
     waist = (WAIST,) if has_part(values, WAIST) else ()
-    kinds = JOINTS_PER_LEG * len(LEG_NAMES) + waist  # of each joint in policy order
+    kinds = JOINTS_PER_LEG * len(LEG_NAMES) + waist  # kind of each joint in policy order
 
     def per_joint(field: str) -> FloatArray:
         return np.array([values[f"joint.{joint}.{field}"] for joint in kinds])

@@ -26,7 +26,7 @@ INTEGRATORS = {
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
     "euler": mujoco.mjtIntegrator.mjINT_EULER,
 }
-# Of trunk, thighs and shanks, which have no pads: stiff from the first tenth of a millimetre.
+# Contacts of trunk, thighs and shanks, which have no pads: stiff from the first tenth of a millimetre.
 CONTACT_IMPEDANCE = (0.95, 0.99, 0.001, 0.5, 2.0)
 _SLIDE_ONLY = 3  # contact dimension: normal and two tangents, no torsion or rolling
 

@@ -93,7 +93,7 @@ def redesigned(
     """The rows of a robot's table with the gears and the winding of a design; masses stay as they are.
 
     Args:
-        rows: of the robot's own table, by quantity.
+        rows: rows of the robot's own table, by quantity.
         design: what is varied.
         most_current: greatest phase current of the inverters [A]: a winding that needs more for its peak
             torque loses the rest of it. None: every winding gets the current that it needs.
@@ -157,7 +157,7 @@ def design_limit(
     """The speed limit of a robot under a motor model, and what its fastest stride takes.
 
     Args:
-        robot: of the design.
+        robot: robot of the design.
         model: motor model.
         settings: how hard to search.
         near: strides of similar robots, to begin with.
@@ -220,7 +220,7 @@ def choose(rows: Sequence[Mapping[str, Any]], source: str) -> Choice | None:
     """The choice of each motor model among the designs that run under both.
 
     Args:
-        rows: of the designs: ``"design"``, and under ``source`` the numbers by model.
+        rows: rows of the designs: ``"design"``, and under ``source`` the numbers by model.
         source: ``"limits"`` or ``"trained"``.
 
     Returns:

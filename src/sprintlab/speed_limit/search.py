@@ -31,12 +31,12 @@ Tick = Callable[[], None]
 
 KEPT = 3e-3
 """A stride is possible when nothing is broken by more; ``_MARGIN`` of stride.py is inside it."""
-_STEP = 1e-5  # of the scaled parameters and of the speed, for differences
+_STEP = 1e-5  # step of the scaled parameters and of the speed, for differences
 _EVALUATIONS = 150  # at most, in a local search
 _PULLS = (0.05, 0.01, 0.003)  # weights of the pull on the speed, one after the other
 _FIRM = 6.0  # m/s between speed and goal at which a pull's weight is meant
 _RETREATS = (0.0, 0.001, 0.003, 0.006, 0.01, 0.02)  # shares of the speed given up until a stride is possible
-_SHAKES = (0.3, 0.7)  # of the best stride, in units of ``_SCALES``
+_SHAKES = (0.3, 0.7)  # changes of the best stride, in units of ``_SCALES``
 _PACES = (3.4, 5.6)  # speeds to begin at, in roots of g times leg length: horses and cheetahs reach 5 to 6
 _SLOW = 0.5  # share of the speed to begin at once more when a start ends nowhere
 _DEFAULT_CEILING = 10.0  # in the same unit: where the pull leads when no ceiling is given

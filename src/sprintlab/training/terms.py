@@ -44,9 +44,9 @@ class RewardTerm:
     """One term of the reward.
 
     Attributes:
-        function: of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``.
+        function: function of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``.
         weight: one number, or one of stage I and one of stage II; negative for a penalty.
-        parameters: of the function. Those named as in ``scaling.scales`` are scaled to the robot's
+        parameters: arguments of the function. Those named as in ``scaling.scales`` are scaled to the robot's
             size.
         tied: whether the term, a reward, is multiplied by how well the command is held. Without
             it slow robots earn more than fast ones, since penalties take most of what a runner earns, and

@@ -43,7 +43,7 @@ TOLERANCE = 0.05
 """Difference between entries that say the same, taken for rounding [-]."""
 
 _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
-_GEAR_TOLERANCE = 0.25  # of a ratio of torques to the gear ratio: efficiency and saturation are in it
+_GEAR_TOLERANCE = 0.25  # relative, of gear and torque ratios: losses and saturation are in it
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
 _VOLTAGE_READINGS = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
 _CURRENT_READINGS = ("line amplitude", "line rms", "dc")

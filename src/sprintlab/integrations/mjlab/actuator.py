@@ -173,7 +173,7 @@ def datasheet_motors(
 
     Args:
         sheet: ``nominal_voltage`` is the DC bus; stall torque [N m] and no-load speed [rad/s] of the shaft.
-        pole_pairs: of the motor.
+        pole_pairs: pole pairs of the motor.
         q_axis_inductance: [H]; what the DC motor does not have.
         peak_torque: that the drive's current limit allows [N m]; often far below the stall torque.
         rotor_inertia: [kg m^2].

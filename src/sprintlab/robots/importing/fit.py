@@ -17,9 +17,9 @@ from sprintlab.robots.loader import LEG_NAMES
 
 _AXES = {"abad": (1.0, 0.0, 0.0), "hip": (0.0, 1.0, 0.0), "knee": (0.0, 1.0, 0.0)}
 _STRAIGHT = 0.999  # cosine between an axis and the one it must follow
-_LARGEST_DROP = 0.015  # of the hip axis against the abduction axis [m]; the table has none
+_LARGEST_DROP = 0.015  # height of the hip axis below the abduction axis [m]; the table has none
 _LARGEST_SPREAD = 0.05  # relative difference of a length or mass between legs
-_FOOT_SHARE = 0.05  # of the shank's mass that is called foot where the source has none of its own
+_FOOT_SHARE = 0.05  # share of the shank's mass that is called foot where the source has none of its own
 _LIGHTER_FEET = 20  # that are tried, each a tenth of the one before
 
 

@@ -20,7 +20,7 @@ _STIFFNESS_ERROR = 0.45  # rad of error at which the controller asks for the pea
 _DAMPING_TIME = 0.03  # s: derivative over proportional gain
 _SOFT_ZONE = 0.08  # rad
 _DEFAULT_KNEE_BEND = 1.2  # rad
-_HEIGHT_SHARE = 0.92  # of the standing height, to run at
+_HEIGHT_SHARE = 0.92  # share of the standing height, to run at
 _GIVEN = "given at the import"
 _ACTION_SCALES = {"abad": 0.25, "hip": 0.5, "knee": 0.5}
 

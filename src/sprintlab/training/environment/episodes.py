@@ -103,7 +103,7 @@ def standing_starts(
         standing: the pose to start from ``(nq,)``.
         joints: addresses of the joints in it ``(joints,)``.
         velocities: generalized velocities a robot.
-        top_speed: of the commanded range [m/s] ``()``.
+        top_speed: top speed of the commanded range [m/s] ``()``.
         draws: random numbers.
         settings: share of fast starts.
     """

@@ -14,11 +14,11 @@ class Fleet:
     """Robots that differ, from PyTorch's global generator.
 
     Args:
-        engine: of the robots; its parameters are written.
+        engine: engine of the robots; its parameters are written.
         terms: what is drawn.
 
     Attributes:
-        engine: of the robots.
+        engine: engine of the robots.
         slope: angle by which the ground rises along x [rad] ``(n,)``.
         delay: mean delay of the joint targets [substeps] ``(n,)``.
         delay_jitter: by which it changes from step to step, either way [substeps].

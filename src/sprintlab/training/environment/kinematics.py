@@ -21,17 +21,17 @@ class BodyState(NamedTuple):
         gravity: unit vector along the true vertical, body frame ``(n, 3)``; the other fields are measured
             along the ground, which may slope.
         angular_velocity: body frame [rad/s] ``(n, 3)``.
-        velocity: of the trunk in the heading frame (forward, left, up) [m/s] ``(n, 3)``.
-        height: of the trunk's middle [m] ``(n,)``.
-        trunk_clearance: of the trunk's lowest corner over the ground [m] ``(n,)``.
+        velocity: velocity of the trunk in the heading frame (forward, left, up) [m/s] ``(n, 3)``.
+        height: height of the trunk's middle [m] ``(n,)``.
+        trunk_clearance: height of the trunk's lowest corner over the ground [m] ``(n,)``.
         joint_position: [rad] ``(n, joints)``.
         joint_velocity: [rad/s] ``(n, joints)``.
         abduction: angles of the abduction joints [rad] ``(n, legs)``.
-        foot_height: of the feet's middles [m] ``(n, legs)``.
+        foot_height: height of the feet's centres [m] ``(n, legs)``.
         foot_speed: horizontal speed of the feet [m/s] ``(n, legs)``.
         foot_descent: downward speed of the feet, zero while they rise [m/s] ``(n, legs)``.
         contact: 1 where a foot touches ``(n, legs)``.
-        knee_height: of the knee axes [m] ``(n, legs)``.
+        knee_height: height of the knee axes [m] ``(n, legs)``.
         leg_distance: least distance between the surfaces of two legs in the step [m] ``(n, pairs)``.
     """
 

@@ -33,10 +33,10 @@ class RewardTerms:
 
     Args:
         terms: by name.
-        device: of the robots.
+        device: device of the robots.
 
     Attributes:
-        weights: of the present stage ``(terms,)``.
+        weights: weights of the present stage ``(terms,)``.
         turning: whether what is tied is multiplied by how well the turn is held, too: 0 or 1.
     """
 

@@ -50,9 +50,9 @@ class RewardInput(NamedTuple):
         body: state after the step.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
         target_speed: where the commanded forward speed is on its way to [m/s] ``(n,)``.
-        action: of this step ``(n, joints)``.
-        previous_action: of the step before ``(n, joints)``.
-        earlier_action: of two steps before ``(n, joints)``.
+        action: action of this step ``(n, joints)``.
+        previous_action: action of the step before ``(n, joints)``.
+        earlier_action: action of two steps before ``(n, joints)``.
         joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, joints)``.
         torque: delivered by the motors [N m] ``(n, joints)``.
         limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
@@ -61,8 +61,8 @@ class RewardInput(NamedTuple):
         running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
         running_yaw_rate: averaged alike [rad/s] ``(n,)``.
         running_side_speed: to the left, averaged alike [m/s] ``(n,)``.
-        weight: of the robot [N] ``(n,)``.
-        no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
+        weight: weight of the robot [N] ``(n,)``.
+        no_load_speed: no-load speed of each joint on the robot's own bus [rad/s] ``(joints,)``.
     """
 
     body: BodyState

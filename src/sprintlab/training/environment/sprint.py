@@ -114,7 +114,7 @@ class SprintEnvironment:
         settings: the whole configuration.
         device: ``"cuda:0"`` or ``"cpu"``.
         fused: graphs and compiled kernels (GPU only).
-        rank: of the process among those that train together; each has its own random numbers.
+        rank: rank of the process among those that train together; each has its own random numbers.
     """
 
     def __init__(

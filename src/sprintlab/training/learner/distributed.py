@@ -17,8 +17,8 @@ class Workers:
 
     Attributes:
         count: processes.
-        rank: of this one.
-        local_rank: of this one on its machine: which GPU it takes.
+        rank: rank of this process.
+        local_rank: rank of this process on its machine: which GPU it takes.
     """
 
     count: int = 1

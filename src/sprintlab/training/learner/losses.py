@@ -19,7 +19,7 @@ from sprintlab.training.settings import PpoSettings
 
 LEARNING_RATE_RANGE = (1e-5, 1e-2)
 CONTACT_WEIGHT = 0.2
-"""Of the contacts' cross-entropy in the estimator's loss."""
+"""Weight of the contacts' cross-entropy in the estimator's loss."""
 LATENT_WEIGHT = 1e-3
 """Beta, of the latent's divergence from a standard normal. With the reconstruction a mean over 45 numbers,
 more than a few thousandths makes the latent collapse."""
@@ -66,11 +66,11 @@ def generalized_advantages(
 
     Args:
         rewards: ``(n, T)``.
-        values: of the states before each step ``(n, T)``.
+        values: value estimates of the states before each step ``(n, T)``.
         ends: 1 where the episode ended with the step; the share of the future that ended where a constraint
             was broken ``(n, T)``.
         time_outs: 1 where the episode was truncated: its future is bootstrapped ``(n, T)``.
-        last_value: of the states after the last step ``(n,)``.
+        last_value: value estimate of the states after the last step ``(n,)``.
         settings: discount and lambda.
     """
     rewards = rewards + settings.discount * values * time_outs
@@ -94,8 +94,8 @@ class PolicyBatch(NamedTuple):
             policies on the same input, and no gradient reaches the estimator.
         privileged: what the critic saw ``(m, 54)``.
         action: taken ``(m, k)``.
-        mean: of the action's distribution then ``(m, k)``.
-        log_probability: of the action then ``(m,)``.
+        mean: mean of the action's distribution then ``(m, k)``.
+        log_probability: log-probability of the action then ``(m,)``.
         value: estimated then ``(m,)``.
         advantage: normalized ``(m,)``.
         returns: ``(m,)``.

@@ -18,7 +18,7 @@ from sprintlab.control import OBSERVABLES, Observation
 _OTHER_SIDE = (1, 0, 3, 2)
 """Leg on the other side of each of FL, FR, RL, RR."""
 _JOINT_SIGNS = (-1.0, 1.0, 1.0)
-"""Of abduction, hip and knee: abduction turns about the forward axis, the others about the lateral one."""
+"""Signs of abduction, hip and knee: abduction turns about the forward axis, the others laterally."""
 _COLUMNS = 8
 """Columns of a matrix are a multiple of this: the fast matrix kernels of a GPU read eight numbers of 16 bits
 at once."""
@@ -72,22 +72,22 @@ def legs_mirror(signs: Sequence[float]) -> Mirror:
 
 
 def joint_mirror(joints: int) -> Mirror:
-    """Of the joints in policy order; a waist, which pitches, comes last and keeps its sign."""
+    """Mirror image of the joints in policy order; a waist, which pitches, comes last and keeps its sign."""
     legs = legs_mirror(_JOINT_SIGNS)
     return legs.joined(signed(*(1.0,) * (joints - legs.size)))
 
 
 def frame_mirror(observation: Observation) -> Mirror:
-    """Of one frame of the observation."""
+    """Mirror image of one frame of the observation."""
     signs = (OBSERVABLES[name].mirror for name in observation.layout.terms)
     terms = (joint_mirror(observation.joints) if each is None else signed(*each) for each in signs)
     return Mirror((), ()).joined(*terms)
 
 
 ESTIMATE_MIRROR = signed(1.0, -1.0, 1.0, 1.0).joined(legs_mirror((1.0,)))
-"""Of body velocity 3, height and the contact of each foot."""
+"""Mirror image of body velocity 3, height and the contact of each foot."""
 HANDEDNESS_MIRROR = signed(-1.0)
-"""Of the number that breaks the tie between the two mirror images of a gait."""
+"""Mirror image of the number that breaks the tie between the two mirror images of a gait."""
 
 
 class Basis(nn.Module):
@@ -98,12 +98,12 @@ class Basis(nn.Module):
     columns. Without a mirror there is one half, the vector itself.
 
     Args:
-        size: of the vector.
-        mirror: of the vector.
+        size: length of the vector.
+        mirror: mirror of the vector.
 
     Attributes:
         halves: 2, or 1 without a mirror.
-        columns: of each half.
+        columns: columns of each half.
         pairs: columns of sums, and of their differences, which come first in their halves.
         matrix: the map ``(halves * columns, size)``.
     """

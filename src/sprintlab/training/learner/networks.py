@@ -40,8 +40,8 @@ class Normalizer(nn.Module):
     """Subtracts the running mean and divides by the running deviation of each number ``(..., size)``.
 
     Args:
-        size: of the vector.
-        mirror: of the vector, if the statistics shall be those of the samples and their mirror images.
+        size: length of the vector.
+        mirror: mirror image of the vector, if mirror images of the samples shall count as well.
         others: numbers behind the vector that are not normalized.
     """
 
@@ -105,8 +105,8 @@ class Encoding(NamedTuple):
 
     Attributes:
         raw: the estimate in training units: scaled velocity and height, contact logits ``(n, 8)``.
-        mean: of the latent ``(n, z)``.
-        log_variance: of the latent, before it is limited ``(n, z)``.
+        mean: mean of the latent ``(n, z)``.
+        log_variance: log variance of the latent, before it is limited ``(n, z)``.
     """
 
     raw: torch.Tensor
@@ -120,7 +120,7 @@ class Estimator(nn.Module):
     Args:
         observation: what the robot sees.
         settings: widths and scales.
-        height: of the trunk about which the height estimate is centred [m].
+        height: trunk height about which the height estimate is centred [m].
         symmetric: whether a mirrored history gives the mirrored estimate.
     """
 

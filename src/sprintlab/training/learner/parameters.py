@@ -37,7 +37,7 @@ class ParameterBlock:
     Attributes:
         values: all parameters ``(size,)``, with unused numbers, always zero, between them.
         rounded: ``values`` in half precision, as of the last step or ``refresh`` ``(size,)``.
-        gradient: of ``values`` ``(size,)``.
+        gradient: gradient of ``values`` ``(size,)``.
     """
 
     def __init__(

@@ -45,7 +45,7 @@ class Layer(nn.Module):
 
     Attributes:
         rounded: the weight in half precision; None outside of a training.
-        mixings: of weight and bias, see ``Perceptron.mixed_parameters``.
+        mixings: mixings of weight and bias, see ``Perceptron.mixed_parameters``.
     """
 
     rounded: torch.Tensor | None
@@ -70,7 +70,7 @@ class Perceptron(nn.Module):
 
     Args:
         inward: coordinates of the input.
-        widths: of the hidden layers.
+        widths: widths of the hidden layers.
         outward: coordinates of the output, with as many halves.
 
     Raises:
@@ -108,8 +108,8 @@ class Perceptron(nn.Module):
         """Gradients of the parameters, in their order, and of the first layer's products.
 
         Args:
-            tape: of ``recorded``.
-            gradient: of the output ``(n, outward.size)``.
+            tape: tape of ``recorded``.
+            gradient: gradient of the output ``(n, outward.size)``.
         """
         found: list[torch.Tensor] = []
         layers, back = self.stack, self.outward(gradient)

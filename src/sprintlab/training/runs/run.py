@@ -54,7 +54,7 @@ def train(options: TrainOptions) -> Path:
     workers = join_workers()
     with exclusive(options.output) if workers.leads else nullcontext():
         for name in ("checkpoint.pt", "log.jsonl", POLICY_NAME):
-            for half in options.output.glob(f".{name}.*"):  # of a process that was killed as it wrote
+            for half in options.output.glob(f".{name}.*"):  # left by a process that was killed as it wrote
                 half.unlink(missing_ok=True)
         with preparing(quiet=not workers.leads), suspended_garbage_collection():
             runner = open_run(options, workers)

@@ -63,7 +63,7 @@ OUTLIER_DISTANCE = 5.0
 
 _ROUNDS = 4
 _MOST_ROWS = 40_000  # that are fitted: more takes longer than 10 s, and tells no more
-_MOST_STEPS = 100  # of one round; fits that converge take some twenty
+_MOST_STEPS = 100  # steps of one round; fits that converge take some twenty
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero

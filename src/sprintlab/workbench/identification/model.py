@@ -118,7 +118,7 @@ STANDING = 0.5
 LEAST_TURNING = 0.1
 """Share of rows that must turn to be those that count: a stalled motor swings when it is let go."""
 
-_STANDING_SHARE = 0.01  # of the largest speed, likewise
+_STANDING_SHARE = 0.01  # share of the largest speed, likewise
 
 
 @dataclass(frozen=True, kw_only=True)

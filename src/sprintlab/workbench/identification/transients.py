@@ -27,7 +27,7 @@ WINDOW = 0.1
 CHANGE = 0.05
 """Share of the log's largest current (or speed) by which a window may change from half to half."""
 
-_FEWEST_ROWS = 4  # of a window: two a half
+_FEWEST_ROWS = 4  # rows of a window: two per half
 _SEVERAL = 2.0  # rows a window from which a file is a log; steady points are seconds apart
 _LARGEST_SHARE = 0.99  # quantile that counts as the largest, so that a spike does not widen the tolerance
 
