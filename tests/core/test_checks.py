@@ -17,7 +17,7 @@ from sprintlab.core.json_values import json_ready
     "value", [math.nan, -math.inf, True, "1", None, [1.0], 10**400, 1j],
     ids=["nan", "-inf", "truth", "text", "none", "list", "huge", "complex"],
 )  # fmt: skip
-def test_what_is_no_finite_number_is_refused(value):
+def test_only_finite_numbers_pass(value):
     with pytest.raises(InvalidValueError, match=r"mass = .*finite number"):
         check_finite("mass", value)
 
@@ -34,7 +34,7 @@ def test_every_element_is_looked_at(library):
         check_range("mass", asarray([1.0, 3.0]), 0.0, 2.0)
 
 
-def test_what_is_no_pair_of_bounds_is_refused():
+def test_only_pairs_of_bounds_pass():
     check_interval("friction", (0.1, 2.0), 0.1, 2.0)
     for pair in ((0.5, 0.4), (0.0, 0.5), (0.5, 3.0), (0.5,), (0.5, 0.6, 0.7)):
         with pytest.raises(InvalidValueError, match="friction"):

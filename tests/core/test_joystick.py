@@ -71,7 +71,7 @@ def test_an_unplugged_pad_is_gone_and_presses_nothing(pad):
     joystick.close()
 
 
-def test_what_is_no_device_is_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     (tmp_path / "file").write_text("no events")
     for name, reason in (("js7", "js7: No such file"), ("file", "is no gamepad"), ("", "is no gamepad")):
         with pytest.raises(JoystickError, match=reason):

@@ -11,7 +11,7 @@ from sprintlab.core.reading import finite_number, read_bytes, read_json, read_to
 
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/", "no such file", "with\0zero"])
-def test_what_is_no_file_is_refused(path):
+def test_only_regular_files_are_read(path):
     with pytest.raises(RobotModelError, match="cannot read robot"):
         read_bytes(path, 100, what="robot", error=RobotModelError)
 

@@ -167,7 +167,7 @@ def test_a_urdf_is_read_with_its_base_and_its_feet(urdf, tmp_path):
         (((' pos="0 0 -0.213"', ' pos="0 0 inf"'),), "not finite"),
     ],
 )  # fmt: skip
-def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message):
+def test_other_models_are_refused(edited, tmp_path, changes, message):
     with pytest.raises(RobotModelError, match=message):
         import_robot(edited(*changes), choices(), tmp_path / "robots")
     assert not (tmp_path / "robots" / "mine").exists()

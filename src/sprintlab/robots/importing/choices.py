@@ -93,7 +93,7 @@ def read_choices(path: Path) -> dict[str, Any]:
     A motor file named in it is looked for beside it first, then in the working directory.
 
     Raises:
-        RobotModelError: the file cannot be read, is no TOML, or has an unknown field.
+        RobotModelError: the file cannot be read, is not TOML, or has an unknown field.
     """
     document = read_toml(path, what="choices", error=RobotModelError)
     joints = document.pop("joint", {})
@@ -116,7 +116,7 @@ def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
 
     Raises:
         RobotModelError: something that has no default is not there.
-        InvalidValueError: a field is no number, or out of its physical range.
+        InvalidValueError: a field is not a number, or out of its physical range.
     """
     joints = given.get("joints", {})
     lacking = [name for name in ("name", "bus_voltage") if name not in given]

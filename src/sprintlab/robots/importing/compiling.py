@@ -73,7 +73,7 @@ def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
         Names of the links that were changed.
 
     Raises:
-        ValueError: an entry is no number.
+        ValueError: an entry is not a number.
     """
     changed = []
     for link in root.findall("link"):

@@ -147,7 +147,7 @@ def _read_cells(path: Path) -> list[Cells]:
     try:
         cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
     except csv.Error as error:
-        raise SprintlabError(f"{path} is no bench file: {error}") from error
+        raise SprintlabError(f"{path} is not a bench file: {error}") from error
     if separator == ",":
         return cells
     body = "".join(line for _, line in kept[1:])

@@ -12,7 +12,7 @@ With ``w = N omega``, one inductance for both axes and the peak current ``I``::
 fitted, and the zeros of the two sensors and the rotor's inertia ``J`` are 0 unless they are. At standstill
 friction may point either way: where other rows turn, the rows that stand tell nothing about the torque.
 
-Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % a kelvin,
+Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % per kelvin,
 and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted where the temperatures differ.
 """
 
@@ -79,7 +79,7 @@ PARAMETERS = {
         absence="needs vd, or rows marked limited with a bus_voltage",
     ),
     "flux_linkage": Parameter("Wb", 1e-6, 2.0, lambda x: x.flux, share=0.1),
-    "flux_drift": Parameter(  # ferrites, the worst of magnets, lose 0.2 % a kelvin
+    "flux_drift": Parameter(  # ferrites, the worst of magnets, lose 0.2 % per kelvin
         "1/K", -0.003, 0.001, lambda x: 1e-3, lambda x: 1.0 / x.warming,
         absence=f"needs temperatures that differ by {LEAST_WARMING:g} K",
     ),

@@ -64,7 +64,7 @@ def magnets(estimates: dict[str, Estimate]) -> list[str]:
     if low - width <= drift.value <= high + width and not at_edge:
         return []
     return [
-        f"flux_drift = {drift.value:.2%} a kelvin is no magnet's (they lose 0.03 % to 0.2 %), and "
+        f"flux_drift = {drift.value:.2%} per kelvin is no magnet's (they lose 0.03 % to 0.2 %), and "
         "flux_linkage at 20 degC is wrong with it: something else in the torque goes with the temperature, "
         "or the winding's is not the magnets'; leave the drift out with --hold flux_drift"
     ]
