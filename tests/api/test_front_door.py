@@ -153,16 +153,17 @@ def test_a_notebook_shows_a_result_once(monkeypatch):
     assert shown == []
 
 
-@pytest.mark.parametrize("value", (math.nan, b"x", {}, 1j), ids=repr)
+@pytest.mark.parametrize("value", (math.nan, b"x"), ids=repr)
 @pytest.mark.parametrize(
     ("function", "name"),
     [
-        (sl.load_policy, "policy"), (sl.race, "policy"), (sl.race, "seed"), (sl.race, "drive"),
-        (sl.race, "output"), (sl.robustness, "cause_trials"), (sl.method, "environments"),
-        (sl.replay, "run_folders"), (sl.envelope, "source"), (sl.envelope, "points"), (sl.run, "source"),
-        (sl.run, "log"), (sl.robot_sim, "bus"), (sl.train, "robot"), (sl.import_robot, "source"),
+        (sl.race, "policy"),
+        (sl.race, "seed"),
+        (sl.race, "drive"),
+        (sl.envelope, "points"),
+        (sl.train, "robot"),
     ],
-)  # fmt: skip
+)
 def test_an_argument_of_another_kind_is_told_in_one_sentence(function, name, value, tmp_path, monkeypatch):
     """As a file of JSON may have it."""
     monkeypatch.chdir(tmp_path)
