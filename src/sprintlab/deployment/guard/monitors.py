@@ -67,32 +67,26 @@ class StateMonitor:
         """Start with the next state, whatever its sequence: the robot may have been restarted."""
         self.last: RobotState | None = None
         self._accepted_at = math.inf
-        self._joints = self._inertial = b""
-        self._frozen = Persistence(Fault.STATE_FROZEN.lasts)
-        self._inertial_stuck = Persistence(Fault.INERTIAL_STUCK.lasts)
-        self._never = self._stuck_since = np.full(len(self._middle), np.inf)
 
     def accept(self, state: RobotState, time: float) -> list[Fault]:
         """Judge one state, in order of arrival, at ``time`` [s]; a usable one becomes ``last``.
 
         Returns:
-            What is wrong with it; ``STATE_LOST`` and the stuck sensors do not keep it from being used.
+            What is wrong with it; ``STATE_LOST`` does not keep it from being used.
         """
         refusal = self._refusal(state)
         if refusal is not None:
             return [refusal]
-        faults = self._sensor_faults(state, time)
-        if self.last is not None and state.sequence > self.last.sequence + 1:
-            faults.append(Fault.STATE_LOST)
+        lost = self.last is not None and state.sequence > self.last.sequence + 1
         self.last, self._accepted_at = state, time
-        return faults
+        return [Fault.STATE_LOST] if lost else []
 
     def stale(self, time: float) -> bool:
         """Whether the last accepted state is too old to act on; not before the first one."""
         return time - self._accepted_at >= Fault.STATE_STALE.lasts - 1e-9
 
     def _refusal(self, state: RobotState) -> Fault | None:
-        last, joints = self.last, self._never.shape
+        last, joints = self.last, self._fastest.shape
         vectors = (state.joint_position, state.joint_velocity, state.joint_torque)
         if any(vector.shape != joints for vector in vectors):
             return Fault.STATE_IMPLAUSIBLE  # another robot's
@@ -124,35 +118,9 @@ class StateMonitor:
         moved = np.abs(state.joint_position - self.last.joint_position)
         return gap > _LONGEST_GAP or bool((moved <= self._fastest * gap + _JUMP_MARGIN).all())
 
-    def _sensor_faults(self, state: RobotState, time: float) -> list[Fault]:
-        """Sensors that give the same to the last bit while joints move, as no real one does."""
-        joints = state.joint_position.tobytes() + state.joint_velocity.tobytes()
-        inertial = state.quaternion.tobytes() + state.angular_velocity.tobytes()
-        moving = max(map(abs, state.joint_velocity.tolist())) > _STUCK_VELOCITY
-        same, frozen = inertial == self._inertial and moving, joints == self._joints
-        self._joints, self._inertial = joints, inertial
-        found = {
-            Fault.STATE_FROZEN: self._frozen.update(same and frozen, time),
-            Fault.INERTIAL_STUCK: self._inertial_stuck.update(same and not frozen, time),
-            Fault.ENCODER_STUCK: self._encoder_stuck(state, time),
-        }
-        return [fault for fault, holds in found.items() if holds]
-
-    def _encoder_stuck(self, state: RobotState, time: float) -> bool:
-        """One joint's position stands still while its speed says that it moves."""
-        if self.last is None:
-            return False
-        still = state.joint_position == self.last.joint_position
-        still &= np.abs(state.joint_velocity) > _STUCK_VELOCITY
-        if not np.count_nonzero(still):
-            self._stuck_since = self._never
-            return False
-        self._stuck_since = np.where(still, np.minimum(self._stuck_since, time), np.inf)
-        return bool((time - self._stuck_since >= Fault.ENCODER_STUCK.lasts - 1e-9).any())
-
 
 class BodyMonitor:
-    """Finds the faults that a good state tells of: falls, joints beyond their bounds, the bus, the drives."""
+    """Finds the faults that good states tell of: falls, joints, stuck sensors, the bus, the drives."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self._middle, self._reach = _joint_range(robot, _LIMIT_MARGIN)
@@ -168,6 +136,7 @@ class BodyMonitor:
     def reset(self) -> None:
         """Forget how long anything has lasted."""
         self._timers = {fault: Persistence(fault.lasts) for fault in Fault}
+        self._last: RobotState | None = None
 
     def check(self, state: RobotState, time: float, *, carried: bool) -> list[Fault]:
         """Faults that ``state`` shows.
@@ -179,6 +148,7 @@ class BodyMonitor:
         """
         bent = map(float.__sub__, state.joint_position.tolist(), self._middle)
         conditions = {
+            **self._stuck(state),
             Fault.JOINT_LIMIT: _any_above(bent, self._reach),
             Fault.OVERSPEED: _any_above(state.joint_velocity.tolist(), self._fastest),
             Fault.OVERTORQUE: _any_above(state.joint_torque.tolist(), self._strongest),
@@ -190,6 +160,20 @@ class BodyMonitor:
             Fault.DRIVE_FAULT: bool(state.status & RobotStatus.DRIVE_FAULT),
         }
         return [fault for fault, holds in conditions.items() if self._timers[fault].update(holds, time)]
+
+    def _stuck(self, state: RobotState) -> dict[Fault, bool]:
+        """Sensors that give the same to the last bit while joints move, as no real one does."""
+        last, self._last = self._last or state, state
+        moving = (np.abs(state.joint_velocity) > _STUCK_VELOCITY) & (last is not state)
+        still = state.joint_position == last.joint_position
+        gyro, orientation = state.angular_velocity, state.quaternion
+        turns = (gyro != last.angular_velocity).any() or (orientation != last.quaternion).any()
+        unmoved = moving.any() and not turns
+        return {
+            Fault.STATE_FROZEN: bool(unmoved and still.all()),
+            Fault.INERTIAL_STUCK: bool(unmoved and not still.all()),
+            Fault.ENCODER_STUCK: bool((moving & still).any()),
+        }
 
     def _extension(self, position: FloatArray) -> float:
         """Vertical reach of the longest leg, trunk level [m]; from abduction, hip and knee angles."""
