@@ -121,7 +121,7 @@ class Rig:
 
     @property
     def speed(self) -> float:
-        """Of the trunk along x [m/s]."""
+        """Speed of the trunk along x [m/s]."""
         return float(self.simulated.plant.data.qvel[0])
 
     def carry_over(self, bus: tuple[Any, Any]) -> None:

@@ -112,7 +112,7 @@ class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     actuator_model: str  # motor model in training, one of ``sprintlab.motors.MOTOR_MODELS``
     command_line: str  # as typed
     config_hash: str  # SHA-256 of the whole configuration
-    seed: int  # of every random generator
+    seed: int  # for every random generator
     iterations: int  # policy updates
     environment_steps: int  # policy steps of all environments together
     device: str  # the accelerator, in words
@@ -133,7 +133,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     format_version: int = FORMAT_VERSION
     robot_name: str
-    joint_names: tuple[str, ...]  # of the actuated joints
+    joint_names: tuple[str, ...]  # actuated joints
     default_pose: Vector  # joint positions of a zero action [rad]
     action_scale: Vector  # radians for an action of one
     action_limit: float  # greatest magnitude of an action that is used
@@ -142,7 +142,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     observation: ObservationContract
     filters: FilterContract
     policy_rate_hz: float
-    motor_rate_hz: float  # of the motor loop that the policy is meant for
+    motor_rate_hz: float  # rate of the motor loop that the policy is meant for
     motors: MotorTable
     robot_fingerprint: str  # hash of the whole robot description, masses and lengths included
     software: dict[str, str]  # versions of the packages that made the policy

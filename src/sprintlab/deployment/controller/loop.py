@@ -78,7 +78,7 @@ class LatencyHistogram:
         if count == 0:
             return {"count": 0, **dict.fromkeys(names)}
         ranks = np.ceil(count * np.array(PERCENTILES) / 100.0)
-        edges = np.minimum((np.searchsorted(reached, ranks) + 1) * _BIN, self.longest)  # of the bins
+        edges = np.minimum((np.searchsorted(reached, ranks) + 1) * _BIN, self.longest)  # bins' ends
         values = [round(1e6 * float(value), 1) for value in (*edges, self.longest)]
         return {"count": count, **dict(zip(names, values, strict=True))}
 

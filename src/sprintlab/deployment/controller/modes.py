@@ -29,7 +29,7 @@ _CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the po
 _CALM_TIME = 0.5  # s
 _CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
 _GATHERS = 3  # times at most that the feet are stepped under the robot
-_GATHERED = 0.15  # of the standing height: feet nearer than this to their places may stay
+_GATHERED = 0.15  # share of the standing height: feet nearer than this to their places may stay
 
 
 class Mode(str, Enum):

@@ -15,13 +15,13 @@ from sprintlab.robots import RobotDescription
 
 TUCK_TIME, RISE_TIME, SINK_TIME, SETTLE_TIME = 1.0, 1.5, 1.5, 0.4
 """Durations of folding the legs beside the belly, rising, sinking over the feet, taking a pose over [s]."""
-# Of sqrt(height / g), the time in which a robot tips over its feet: what two feet carry must be shorter.
+# Shares of sqrt(height / g), the time in which a robot tips over its feet: two feet carry for less.
 _SHIFT = 0.17  # until a pair of legs carries all
-_SWING = 0.43  # of the other pair through the air
+_SWING = 0.43  # while the other pair is in the air
 _LAND = 0.21  # until all legs carry again
 _REST = 2.0  # on all feet after two steps, until the trunk no longer drifts
-_LIFT = 0.1  # of the standing height
-_LONGEST = 0.985  # of a stretched leg: beyond, a knee turns without end where its foot moves up
+_LIFT = 0.1  # share of the standing height
+_LONGEST = 0.985  # share of a stretched leg: beyond, a knee turns without end where its foot moves up
 _STEP = 1e-3  # s over which speeds are taken
 _DIAGONALS = ((0, 3), (1, 2))
 _EVERYONE = (0, 1, 2, 3)

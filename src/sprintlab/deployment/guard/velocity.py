@@ -14,7 +14,7 @@ FRICTION = 0.7
 """Between feet and ground, at its lowest: ``|v w| <= mu g`` for every commanded turn."""
 _BACKWARD, _SIDEWAYS, _YAW_RATE = 2.0, 0.0, 1.0  # greatest, beside the top speed [m/s, m/s, rad/s]
 RATES = np.array([6.0, 6.0, 20.0])
-"""Highest rates of change: of forward and sideways speed [m/s^2], of the yaw rate [rad/s^2] ``(3,)``."""
+"""Highest rates of change: forward and sideways speed [m/s^2], yaw rate [rad/s^2] ``(3,)``."""
 OPERATOR_RATES = np.array([4.0, 4.0, 10.0])
 """The same for what a person or a file wishes for."""
 _BRAKING_RATES = np.array([BRAKING, BRAKING, 20.0])

@@ -38,7 +38,7 @@ _KEYS = {
 _SEQUENCE = re.compile(r"\x1b(\[\[?[0-9;]*[A-Z~]|O[A-Z])")  # arrows and other keys, which begin as Esc does
 _FASTER, _LEFT = np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])
 _STEPS = {"w": _FASTER, "s": -_FASTER, "a": _LEFT, "d": -_LEFT}
-_BACKWARD = 0.2  # of the top speed
+_BACKWARD = 0.2  # share of the top speed
 SWITCH = 5
 """Number of the dead-man switch, the right shoulder button."""
 BUTTONS = {0: Request.STAND, 7: Request.RUN, 1: Request.LIE_DOWN, 2: Request.STOP, 6: Request.PASSIVE}

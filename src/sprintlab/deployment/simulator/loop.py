@@ -44,7 +44,7 @@ class SimulatorReport:
 
     simulated_time: float = 0.0  # [s]
     greatest_distance: float = 0.0  # greatest position along x [m]
-    finish_times: dict[float, float] = field(default_factory=dict)  # of the mark, when it was passed [m, s]
+    finish_times: dict[float, float] = field(default_factory=dict)  # mark and when it was passed [m, s]
     top_speed: float = 0.0  # highest mean speed along x over half a second [m/s]
     fall_reason: str = ""  # empty if the robot did not fall
     commands_accepted: int = 0  # by the robot

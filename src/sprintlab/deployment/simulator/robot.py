@@ -39,7 +39,7 @@ TYPICAL_NOISE = {
 
 Assumed, of the order of 14-bit encoders, an industrial MEMS inertial unit and an RTK receiver."""
 _SETTLING = 2.0  # [s] that a robot takes to sink to the ground
-_UPRIGHT = 0.8  # of the standing height
+_UPRIGHT = 0.8  # share of the standing height
 _SUDDEN = 0.3  # [s] from upright to the ground; a free fall takes 0.25 s, lying down half a second
 _MOVING = 0.5  # [m/s]
 
@@ -50,13 +50,13 @@ class SimulatorOptions:
 
     plant: PlantOptions = field(default_factory=PlantOptions)  # physics and motors
     trial: TrialSettings = field(default_factory=TrialSettings)  # friction, payload, initial joint noise
-    noise: float = 0.0  # of the sensors, as a multiple of ``TYPICAL_NOISE``
+    noise: float = 0.0  # sensor noise as a multiple of ``TYPICAL_NOISE``
     # ``"lying"``: sunk to the ground with damped joints; ``"standing"``: in the default pose
     start: str = "lying"
     fix_rate: float = 10.0  # position fixes a second [Hz], 0 for none
     # without a command for this long, the robot damps its joints by itself [s]
     watchdog_timeout: float = WATCHDOG_TIMEOUT
-    seed: int = 0  # of noise and links
+    seed: int = 0  # decides noise and links
 
     def __post_init__(self) -> None:
         check_choice("simulator.start", self.start, ("lying", "standing"))
@@ -77,7 +77,7 @@ class SimulatedRobot:
         self.accepted = 0  # commands acted on
         self.dropped: Counter[str] = Counter()  # commands that were not acted on, by the reason
         self.watchdog_trips = 0  # times the watchdog took over from a controller that drove the joints
-        self.fall_reason = ""  # of the first fall; empty before it
+        self.fall_reason = ""  # why the robot fell first; empty before that
         self._robot, self._options = robot, options
         self._random = np.random.default_rng(options.seed)
         self._period = 1.0 / options.plant.motor_rate
@@ -195,7 +195,7 @@ class SimulatedRobot:
     def _notice_falls(self) -> None:
         """A fall is a tilt beyond 60 degrees, or trunk or knee on the ground at speed or suddenly.
 
-        Lying down in good order is none: slowly, or with damped joints from a stand.
+        Lying down slowly, or with damped joints from a stand, is not a fall.
         """
         data = self.plant.data
         if data.qpos[2] > _UPRIGHT * self._robot.standing_height:

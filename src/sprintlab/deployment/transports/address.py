@@ -33,7 +33,7 @@ class BusAddress(NamedTuple):
 
 
 def parse_address(address: str) -> BusAddress:
-    """Take an address apart; raises ``InvalidValueError`` where it is none."""
+    """Take an address apart; raises ``InvalidValueError`` where it is not one."""
     match = _ADDRESS.fullmatch(address)
     if match is None:
         raise InvalidValueError("bus", address, "an address like shm://bp2 or unitree://go2@enp2s0")

@@ -16,7 +16,7 @@ from typing import IO
 from sprintlab.deployment.transports.address import BusAddress, BusError
 from sprintlab.deployment.transports.ends import COMMAND, FIX, STATE, Carrier, ControllerEnd, RobotEnd
 
-_VERSION = 6  # of the layout, a part of the file's name
+_VERSION = 6  # layout of the memory; part of the file's name
 _WORD = 8  # bytes
 _ROBOT_LEFT, _CONTROLLER_LEFT = range(2)  # words at the begin: whether an end has been closed
 _SLOTS = {STATE: 256, COMMAND: 256, FIX: 16}  # a quarter of a second at 1 kHz
