@@ -7,10 +7,9 @@ import struct
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.deployment.operators import (
     ProfileSource,
-    SourceError,
     SprintSource,
     load_velocity_table,
     open_source,
@@ -95,7 +94,7 @@ def test_a_profile_goes_straight_between_its_lines_and_its_steps_become_ramps(tm
 def test_a_file_that_is_not_a_profile_is_refused_with_the_reason(tmp_path, content, reason):
     path = tmp_path / "a.csv"
     path.write_text(content)
-    with pytest.raises(SourceError, match=reason):
+    with pytest.raises(SprintlabError, match=reason):
         load_velocity_table(path)
 
 
@@ -243,10 +242,10 @@ def test_unknown_sources_are_refused(name):
 
 
 def test_a_source_without_its_device_is_refused(tmp_path):
-    with pytest.raises(SourceError, match="js7"):
+    with pytest.raises(SprintlabError, match="js7"):
         open_source(f"gamepad:{tmp_path}/js7", top_speed=8.0)
     reading, writing = os.pipe()
-    with pytest.raises(SourceError, match="terminal"):
+    with pytest.raises(SprintlabError, match="terminal"):
         KeyboardSource(6.0, reading)
     os.close(reading)
     os.close(writing)

@@ -8,8 +8,9 @@ from collections import deque
 import pytest
 from tests.deployment.messages import make_command, make_state
 
+from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.messages import JointMode, RobotStatus
-from sprintlab.deployment.transports import BusError, open_bus, open_endpoint, parse_address
+from sprintlab.deployment.transports import open_bus, open_endpoint, parse_address
 from sprintlab.deployment.transports.unitree_ends import RESPONSE_TIME, TickNumbers
 from sprintlab.deployment.transports.unitree_messages import encode_command
 
@@ -158,15 +159,15 @@ def test_another_controller_on_the_network_is_overheard(address):
 
 def test_a_second_robot_and_a_second_controller_are_refused(address):
     with contextlib.closing(open_endpoint(address)) as endpoint:
-        with pytest.raises(BusError, match="a robot is there already"):
+        with pytest.raises(SprintlabError, match="a robot is there already"):
             open_endpoint(address)
-        with contextlib.closing(open_bus(address)), pytest.raises(BusError, match="another controller"):
+        with contextlib.closing(open_bus(address)), pytest.raises(SprintlabError, match="another controller"):
             assert not endpoint.peer_left
             open_bus(address)
         while not endpoint.peer_left:
             time.sleep(0.001)
         writer, _ = another_writer(address)
-        with pytest.raises(BusError, match="publishes rt/lowcmd"):
+        with pytest.raises(SprintlabError, match="publishes rt/lowcmd"):
             open_bus(address)
         assert writer
 
@@ -175,12 +176,12 @@ def test_a_controller_without_a_robot_is_told_so(address, monkeypatch):
     from sprintlab.deployment.transports import unitree_dds
 
     monkeypatch.setattr(unitree_dds, "_PATIENCE", 0.1)
-    with pytest.raises(BusError, match="no robot publishes rt/lowstate"):
+    with pytest.raises(SprintlabError, match="no robot publishes rt/lowstate"):
         open_bus(address)
 
 
 @pytest.mark.parametrize("place", ["lo:x", "lo:231", "no-such-interface:230"])
 def test_an_unknown_interface_or_domain_is_refused(place):
     pytest.importorskip("cyclonedds")
-    with pytest.raises(BusError, match=r"DDS domain"):
+    with pytest.raises(SprintlabError, match=r"DDS domain"):
         open_endpoint(f"unitree://go2@{place}")

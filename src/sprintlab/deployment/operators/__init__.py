@@ -1,6 +1,5 @@
 """Where commanded velocities come from: gamepad, keyboard, profile file, self-paced sprint."""
 
-from sprintlab.deployment.operators.base import SourceError as SourceError
 from sprintlab.deployment.operators.opening import open_source as open_source
 from sprintlab.deployment.operators.scripts import ProfileSource as ProfileSource
 from sprintlab.deployment.operators.scripts import SprintSource as SprintSource

@@ -7,15 +7,10 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from sprintlab.control import POLICY_RATE_HZ
-from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.messages import FloatArray
 
 PERIOD = 1.0 / POLICY_RATE_HZ
 """Between two readings of a source [s]."""
-
-
-class SourceError(SprintlabError):
-    """A command source cannot be opened, or its file makes no sense."""
 
 
 class Request(enum.IntEnum):

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from sprintlab.core.checks import check_positive
-from sprintlab.core.joystick import Joystick, JoystickError
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.joystick import Joystick
 from sprintlab.deployment.guard.velocity import OPERATOR_RATES, VelocityLimiter
 from sprintlab.deployment.messages import FloatArray
 from sprintlab.deployment.operators.base import (
@@ -23,7 +24,6 @@ from sprintlab.deployment.operators.base import (
     CommandSource,
     OperatorCommand,
     Request,
-    SourceError,
     SourceView,
 )
 
@@ -80,7 +80,7 @@ class KeyboardSource(_DeviceSource):
 
     Args:
         top_speed: highest wish [m/s]; backwards a fifth of it.
-        descriptor: the terminal's file descriptor; standard input when left out, ``SourceError`` without one.
+        descriptor: the terminal's file descriptor; standard input when left out.
     """
 
     def __init__(self, top_speed: float, descriptor: int | None = None) -> None:
@@ -91,7 +91,7 @@ class KeyboardSource(_DeviceSource):
             self._before = termios.tcgetattr(self._descriptor)
             tty.setcbreak(self._descriptor)
         except (termios.error, OSError) as error:
-            raise SourceError("the keyboard source needs a terminal as standard input") from error
+            raise SprintlabError("the keyboard source needs a terminal as standard input") from error
 
     def close(self) -> None:
         """Put the terminal back; a second call does nothing."""
@@ -126,17 +126,14 @@ class GamepadSource(_DeviceSource):
     be stuck.
 
     Args:
-        device: the joystick device; ``SourceError`` where it cannot be read, or is something else.
+        device: the joystick device; ``JoystickError`` where it cannot be read, or is something else.
         top_speed: with the stick fully forward [m/s]; backwards a fifth of it.
     """
 
     def __init__(self, device: Path, top_speed: float) -> None:
         super().__init__(top_speed)
         self._gripped = False
-        try:
-            self._pad = Joystick(device)
-        except JoystickError as error:
-            raise SourceError(str(error)) from error
+        self._pad = Joystick(device)
 
     def _poll(self) -> FloatArray | None:
         for button in self._pad.poll():

@@ -24,7 +24,7 @@ def open_source(name: str, *, top_speed: float, distance: float = 100.0) -> Comm
 
     Raises:
         InvalidValueError: there is no such source, or a number is not allowed.
-        SourceError: device or file cannot be used.
+        SprintlabError: device or file cannot be used.
     """
     kind, _, rest = name.partition(":")
     if name in ("sprint", "sprint-raw"):

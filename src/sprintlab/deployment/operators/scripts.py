@@ -14,6 +14,7 @@ import numpy as np
 
 from sprintlab.commands import SprintProfile, heading_command, self_paced
 from sprintlab.core.checks import check_positive
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import read_text, table_number
 from sprintlab.deployment.guard.velocity import OPERATOR_RATES, VelocityLimiter
 from sprintlab.deployment.messages import FloatArray
@@ -22,7 +23,6 @@ from sprintlab.deployment.operators.base import (
     CommandSource,
     OperatorCommand,
     Request,
-    SourceError,
     SourceView,
 )
 
@@ -126,9 +126,9 @@ def load_velocity_table(path: Path) -> FloatArray:
     """Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)`` of a file.
 
     Raises:
-        SourceError: the file cannot be read, or is not of this form.
+        SprintlabError: the file cannot be read, or is not of this form.
     """
-    text = read_text(path, _LARGEST_FILE, what="profile file", error=SourceError)
+    text = read_text(path, _LARGEST_FILE, what="profile file")
     try:
         table = np.array(_rows(text), dtype=float)
         if len(table) < 2 or (np.diff(table[:, 0], prepend=0.0) < 0.0).any():
@@ -136,7 +136,7 @@ def load_velocity_table(path: Path) -> FloatArray:
         if (np.abs(table[:, 1:]) > _FASTEST).any():
             raise ValueError(f"a velocity is not a number up to {_FASTEST:g} m/s or rad/s")
     except (ValueError, csv.Error) as error:
-        raise SourceError(f"{path} is not a profile: {error}") from error
+        raise SprintlabError(f"{path} is not a profile: {error}") from error
     return table
 
 

@@ -11,17 +11,13 @@ import secrets
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
     from sprintlab.deployment.transports.ends import ControllerEnd, RobotEnd
 
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
-
-
-class BusError(SprintlabError):
-    """The bus cannot be opened: no robot there, another controller there, or a package is missing."""
 
 
 class BusAddress(NamedTuple):
@@ -56,8 +52,7 @@ def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
 
     Raises:
         InvalidValueError: the address makes no sense.
-        BusError: no robot is there, or another controller drives it.
-        SprintlabError: a package is missing.
+        SprintlabError: no robot is there, another controller drives it, or a package is missing.
     """
     parsed = parse_address(address)
     return _transport(parsed).controller_end(parsed, session or new_session())

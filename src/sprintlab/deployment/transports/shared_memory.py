@@ -13,7 +13,8 @@ import tempfile
 from pathlib import Path
 from typing import IO
 
-from sprintlab.deployment.transports.address import BusAddress, BusError
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.transports.address import BusAddress
 from sprintlab.deployment.transports.ends import COMMAND, FIX, STATE, Carrier, ControllerEnd, RobotEnd
 
 _VERSION = 6  # layout of the memory; part of the file's name
@@ -113,7 +114,7 @@ class FileLock:
         taken: what to say where another process holds it.
 
     Raises:
-        BusError: another process holds it, or it cannot be made.
+        SprintlabError: another process holds it, or it cannot be made.
     """
 
     def __init__(self, path: Path, taken: str) -> None:
@@ -123,9 +124,9 @@ class FileLock:
             fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self.file.close()
-            raise BusError(taken) from None
+            raise SprintlabError(taken) from None
         except OSError as error:
-            raise BusError(f"cannot make {path}: {error.strerror or error}") from error
+            raise SprintlabError(f"cannot make {path}: {error.strerror or error}") from error
 
     @property
     def released(self) -> bool:
@@ -147,13 +148,13 @@ def memory_path(name: str) -> Path:
 
 
 def controller_lock(place: str, robot: str) -> FileLock:
-    """Held by the one controller of the robot at a place; raises ``BusError`` where another one holds it."""
+    """Held by the one controller of the robot at a place; raises where another one holds it."""
     taken = f"another controller drives the robot {robot!r} on this machine"
     return FileLock(memory_path(f"{place}.controller"), taken)
 
 
 def controller_end(address: BusAddress, session: int) -> ControllerEnd:
-    """The controller's end; raises ``BusError`` without a robot, or with another controller."""
+    """The controller's end; raises ``SprintlabError`` without a robot, or with another controller."""
     name = _local_name(address)
     lock = controller_lock(name, name)
     try:
@@ -165,7 +166,7 @@ def controller_end(address: BusAddress, session: int) -> ControllerEnd:
 
 
 def robot_end(address: BusAddress) -> RobotEnd:
-    """The robot's end, which makes the file; raises ``BusError`` where a robot of this name runs already."""
+    """The robot's end, which makes the file; raises where a robot of this name runs already."""
     name = _local_name(address)
     lock = FileLock(memory_path(name), f"a robot named {name!r} runs already on this machine")
     try:
@@ -173,13 +174,13 @@ def robot_end(address: BusAddress) -> RobotEnd:
         lock.file.flush()
     except OSError as error:
         lock.release()
-        raise BusError(f"no memory for the robot {name!r}: {error.strerror or error}") from error
+        raise SprintlabError(f"no memory for the robot {name!r}: {error.strerror or error}") from error
     return RobotEnd(_SharedMemory(lock.file, lock, _ROBOT_LEFT))
 
 
 def _local_name(address: BusAddress) -> str:
     if address.place:
-        raise BusError(f"shared memory is on this machine: leave @{address.place} out of the address")
+        raise SprintlabError(f"shared memory is on this machine: leave @{address.place} out of the address")
     return address.name
 
 
@@ -193,4 +194,4 @@ def _running(name: str) -> IO[bytes]:
         return file  # pyright: ignore[reportPossiblyUnboundVariable]
     except OSError:
         pass
-    raise BusError(f"no robot named {name!r} runs on this machine; start it first")
+    raise SprintlabError(f"no robot named {name!r} runs on this machine; start it first")

@@ -20,7 +20,8 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from sprintlab.deployment.transports.address import BusAddress, BusError
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.transports.address import BusAddress
 from sprintlab.deployment.transports.ends import COMMAND, STATE, Carrier
 from sprintlab.deployment.transports.shared_memory import FileLock, controller_lock
 from sprintlab.deployment.transports.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
@@ -143,7 +144,7 @@ class _Dds(Carrier):
 
 
 def controller_end(address: BusAddress, session: int) -> UnitreeControllerEnd:
-    """The controller's end; raises ``BusError`` without a robot, or where others send commands to it."""
+    """The controller's end; ``SprintlabError`` without a robot, or where others send commands to it."""
     carrier = _Dds(address)
     try:
         carrier.lock = controller_lock("unitree.{}.{}".format(*_place(address)), address.name)
@@ -167,23 +168,25 @@ def _find_robot(carrier: _Dds, address: BusAddress) -> None:
     while not carrier.published(STATE):
         if time.monotonic() > deadline:
             place = f" at {address.place}" if address.place else " on this machine"
-            raise BusError(f"no robot publishes rt/lowstate{place}; start it first, or name its network")
+            raise SprintlabError(
+                f"no robot publishes rt/lowstate{place}; start it first, or name its network"
+            )
         time.sleep(0.1)
     time.sleep(_SETTLING)
     if carrier.published(COMMAND):
-        raise BusError(
+        raise SprintlabError(
             f"another controller drives the robot {address.name!r}: a program publishes rt/lowcmd. "
             "Release the robot's own motion service, or stop the other program"
         )
 
 
 def robot_end(address: BusAddress) -> UnitreeRobotEnd:
-    """The robot's end; raises ``BusError`` where a robot is there already."""
+    """The robot's end; raises ``SprintlabError`` where a robot is there already."""
     carrier = _Dds(address)
     time.sleep(_SETTLING)
     if carrier.published(STATE):
         carrier.close()
-        raise BusError("a robot is there already: a program publishes rt/lowstate")
+        raise SprintlabError("a robot is there already: a program publishes rt/lowstate")
     carrier.read_from(COMMAND)
     carrier.write_to(STATE)
     return UnitreeRobotEnd(carrier)
@@ -193,7 +196,7 @@ def _place(address: BusAddress) -> tuple[str, int]:
     """Interface and domain of ``INTERFACE``, ``INTERFACE:DOMAIN`` or ``:DOMAIN``; else loopback and 0."""
     found = re.fullmatch("(?P<interface>[A-Za-z0-9_.-]*):?(?P<domain>[0-9]{0,3})", address.place)
     if found is None or int(found["domain"] or 0) > 230:
-        raise BusError(f"{address.place} is not a network interface with a DDS domain from 0 to 230")
+        raise SprintlabError(f"{address.place} is not a network interface with a DDS domain from 0 to 230")
     return found["interface"] or "lo", int(found["domain"] or 0)
 
 
@@ -203,4 +206,4 @@ def _participant(address: BusAddress) -> Any:
     try:
         return DomainParticipant(domain)
     except DDSException as error:
-        raise BusError(f"cannot join DDS domain {domain} over {interface}: {error}") from error
+        raise SprintlabError(f"cannot join DDS domain {domain} over {interface}: {error}") from error
