@@ -81,7 +81,6 @@ class Controller:
         _check_braking(policy, self._limiter)
         self._wish = np.zeros(3)  # the last sound one of the source
         self._heard_at = -math.inf  # the source, last
-        self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
         self._course = Course()
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
@@ -98,7 +97,7 @@ class Controller:
         self.moving_since: float | None = None
         still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), self._targets, 0.0 * self._targets)
         for _ in range(_WARM_UP_STEPS):  # a network's first steps are slow: later a robot waits
-            self._runtime.step(still, self._velocity)
+            self._runtime.step(still, self._limiter.velocity)
         self._runtime.reset()
 
     @property
@@ -114,7 +113,7 @@ class Controller:
     @property
     def commanded_speed(self) -> float:
         """Forward speed that the policy is asked for [m/s]."""
-        return float(self._velocity[0])
+        return float(self._limiter.velocity[0])
 
     @property
     def braking(self) -> bool:
@@ -159,7 +158,7 @@ class Controller:
             mode=self.mode.value,
             state=self._states.last,
             command=command,
-            velocity=self._velocity,
+            velocity=self._limiter.velocity,
             targets=self._targets,
             policy_step=policy_step and self._behaviour.policy_drives,
             fix=fix,
@@ -238,7 +237,6 @@ class Controller:
             self._behaviour = modes.Stop()
         self.stop_reason = reason
         self._limiter.reset()
-        self._velocity = np.zeros(3)
 
     # ---- 50 Hz ---------------------------------------------------------------------------------------
 
@@ -315,14 +313,14 @@ class Controller:
             point = self._course.point(self._time)
             offset = 0.0 if point is None else point.offset
             yaw_rate = float(heading_command(self._course.heading(state), offset, self.commanded_speed))
-            self._velocity = self._limiter.brake(dt, yaw_rate)
+            velocity = self._limiter.brake(dt, yaw_rate)
         else:
-            self._velocity = self._limiter.advance(self._wish, dt)
-        if self.moving_since is None and self._velocity[0] != 0.0:
+            velocity = self._limiter.advance(self._wish, dt)
+        if self.moving_since is None and velocity[0] != 0.0:
             self.moving_since = self._time - self._run_started
         begin = clock.perf_counter_ns()
         try:
-            targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
+            targets = np.asarray(self._runtime.step(_measurement(state), velocity), dtype=np.float64)
         except Exception:  # whatever breaks in a policy must end in a stop, not in a dead loop
             targets = np.full(1, np.nan)
         self.policy_time = (clock.perf_counter_ns() - begin) * 1e-9
@@ -341,7 +339,7 @@ class Controller:
         elif mode is Mode.STAND:
             self._behaviour = modes.Stand(robot, here(state), self._time, before)
         elif mode is Mode.LIE_DOWN:
-            self._velocity = np.zeros(3)
+            self._limiter.reset()
             self._behaviour = modes.LieDown(robot, here, state, self._time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
             self._behaviour = modes.Run(self._limiter.braking_time, self._estimated_speed)
@@ -365,7 +363,7 @@ class Controller:
         state = self._states.last
         if state is None:
             return
-        outcome = self._behaviour.advance(state, self._time, self._velocity)
+        outcome = self._behaviour.advance(state, self._time, self._limiter.velocity)
         if isinstance(outcome, Mode):
             self._enter(outcome, state)
         elif outcome is not None:

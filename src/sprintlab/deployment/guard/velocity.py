@@ -60,4 +60,4 @@ class VelocityLimiter:
         velocity = self.velocity + np.clip(change, -most, most)
         velocity[2] = float(limit_yaw_rate(velocity[2:3], velocity[:1], FRICTION)[0])
         self.velocity = velocity
-        return velocity.copy()
+        return velocity
