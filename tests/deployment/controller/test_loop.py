@@ -150,14 +150,15 @@ def test_whatever_goes_wrong_the_last_command_damps(start):
     [
         ({"silent": True, "peer_left": True}, "the robot is gone"),
         ({"silent": True}, "no robot answers"),
-        ({"forged": {"session": 7}}, "the robot is not fit to stand up, or obeys another controller"),
-        ({"forged": {"status": 2}}, "the robot is not fit to stand up, or obeys another controller"),
+        ({"forged": {"session": 7}}, "another controller drives the robot"),
+        ({"forged": {"status": 2}}, "the robot is not fit to stand up"),
     ],
 )
 def test_a_robot_that_cannot_be_driven_is_left_alone(start, robot, end):
     controller, bus = start(Riser())
     vars(bus).update(robot)
-    options = LoopOptions(priority=None, patience=0.1, lock_step=end != "no robot answers")
+    waits = {"patience": 0.1, "attended": "not fit" not in end}
+    options = LoopOptions(priority=None, lock_step=end != "no robot answers", **waits)
     assert run_loop(controller, bus, options).end == end
     assert {command.mode for command in bus.sent} == {JointMode.OFF}
 

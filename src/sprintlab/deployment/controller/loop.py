@@ -228,13 +228,16 @@ class _Loop:
         self.stopped_at = (self.stopped_at or tick.time) if mode is Mode.STOP else None
         unattended = told or not options.attended
         impatient = tick.time > options.patience and not self.was_active
+        foreign = tick.state is not None and tick.state.session not in (0, self.controller.session)
         if self.bus.peer_left:
             self.report.end = "the robot is gone"
         elif impatient and tick.state is None:
             self.report.end = "no robot answers"
+        elif impatient and foreign:
+            self.report.end = "another controller drives the robot"
         elif mode is Mode.PASSIVE and (told or (self.was_active and unattended)):
             self.report.end = "passive"
         elif impatient and unattended:
-            self.report.end = "the robot is not fit to stand up, or obeys another controller"
+            self.report.end = "the robot is not fit to stand up"
         elif self.stopped_at is not None and unattended and tick.time - self.stopped_at > _STOP_DWELL:
             self.report.end = f"stop ({self.controller.stop_reason})"
