@@ -4,8 +4,6 @@ The double repeats the constructor of ``ActuatorBase`` and the order of work of 
 Lab 3.0.0, whose ``compute`` hands the joint velocity to ``_clip_effort``.
 """
 
-import importlib
-import sys
 from dataclasses import dataclass, field
 from types import ModuleType, SimpleNamespace
 
@@ -58,19 +56,13 @@ def configclass(cls):
 
 
 @pytest.fixture
-def stage(monkeypatch):
+def stage(on_guest):
     """The module, on Isaac Lab's own classes or on the doubles."""
-    try:
-        importlib.import_module("isaaclab.actuators")
-    except ImportError:
-        actuators, utilities = ModuleType("isaaclab.actuators"), ModuleType("isaaclab.utils")
-        actuators.IdealPDActuator, actuators.ActuatorBaseCfg = IdealPDActuator, ActuatorBaseCfg
-        utilities.configclass = configclass
-        for module in (ModuleType("isaaclab"), actuators, utilities):
-            monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(sys.modules, "sprintlab.integrations.isaaclab", None)  # gone again after the test
-    del sys.modules["sprintlab.integrations.isaaclab"]
-    return importlib.import_module("sprintlab.integrations.isaaclab")
+    actuators, utilities = ModuleType("isaaclab.actuators"), ModuleType("isaaclab.utils")
+    actuators.IdealPDActuator, actuators.ActuatorBaseCfg = IdealPDActuator, ActuatorBaseCfg
+    utilities.configclass = configclass
+    doubles = {module.__name__: module for module in (ModuleType("isaaclab"), actuators, utilities)}
+    return on_guest("isaaclab", "isaaclab.actuators", doubles)
 
 
 def built(stage, names, motors, **changes):

@@ -1,7 +1,5 @@
 """Newton's actuators: the clamping stage against the law, on Newton where installed, else a stand-in."""
 
-import importlib
-import sys
 from types import ModuleType
 
 import numpy as np
@@ -19,18 +17,12 @@ class ClampingBase:
 
 
 @pytest.fixture
-def stage(monkeypatch):
+def stage(on_guest):
     """The module, on Newton's own base class or on the stand-in."""
-    try:
-        importlib.import_module("newton.actuators")
-    except ImportError:
-        actuators = ModuleType("newton.actuators")
-        actuators.ClampingBase = ClampingBase
-        monkeypatch.setitem(sys.modules, "newton", ModuleType("newton"))
-        monkeypatch.setitem(sys.modules, "newton.actuators", actuators)
-    monkeypatch.setitem(sys.modules, "sprintlab.integrations.newton", None)  # gone again after the test
-    del sys.modules["sprintlab.integrations.newton"]
-    return importlib.import_module("sprintlab.integrations.newton")
+    actuators = ModuleType("newton.actuators")
+    actuators.ClampingBase = ClampingBase
+    doubles = {"newton": ModuleType("newton"), "newton.actuators": actuators}
+    return on_guest("newton", "newton.actuators", doubles)
 
 
 def array(values):

@@ -7,7 +7,6 @@ here those of MuJoCo C.
 import importlib
 import importlib.util
 import inspect
-import sys
 from types import ModuleType, SimpleNamespace
 
 import mujoco
@@ -51,15 +50,12 @@ def doubles():
 
 
 @pytest.fixture
-def stage(monkeypatch):
+def stage(on_guest, monkeypatch):
     """The module, on JAX or on the doubles."""
+    found = doubles()
     if importlib.util.find_spec("jax") is None:
-        for name, module in doubles().items():
-            monkeypatch.setitem(sys.modules, name, module)
-        monkeypatch.setattr(mujoco, "mjx", sys.modules["mujoco.mjx"], raising=False)
-    monkeypatch.setitem(sys.modules, "sprintlab.integrations.playground", None)  # gone again after the test
-    del sys.modules["sprintlab.integrations.playground"]
-    return importlib.import_module("sprintlab.integrations.playground")
+        monkeypatch.setattr(mujoco, "mjx", found["mujoco.mjx"], raising=False)
+    return on_guest("playground", "jax", found)
 
 
 def legs():

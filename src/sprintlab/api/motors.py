@@ -103,12 +103,16 @@ def show_motor(
     joint: str = "hip",
     *,
     bus_voltage: float | None = None,
-    gear_ratio: float | None = None,
-    gear_efficiency: float | None = None,
+    gear_ratio: float | None = 1.0,
+    gear_efficiency: float | None = 1.0,
 ) -> Result:
-    """Print a motor's parameters and the speeds that follow from them.
+    """Print a motor's parameters and the speeds that follow from them, motor side where no gear is given.
 
     Example: sprintlab motor show bp2 hip
+
+    Args:
+        gear_ratio: motor speed over joint speed.
+        gear_efficiency: of the gear.
     """
     drive, title, _ = found = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency)
     motor = {item.name: float(getattr(drive.motor, item.name)) for item in fields(drive.motor)}
