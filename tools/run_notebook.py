@@ -21,6 +21,7 @@ from typing import Any
 
 from PIL import Image
 
+ROOT = Path(__file__).resolve().parents[1]
 PICTURE_WIDTH = 760
 """Width to which pictures are reduced [pixels]: a notebook is text, and small."""
 LARGEST_HTML = 100_000
@@ -61,6 +62,7 @@ def output(shown: Any, count: int) -> dict[str, Any]:
         data = {kind: text for kind, text in shown._repr_mimebundle_().items() if len(text) < LARGEST_HTML}
     else:
         data = {"text/plain": repr(shown)}
+    data = {kind: text.replace(f"{ROOT}/", "") for kind, text in data.items()}
     lines = {kind: text if kind == "image/png" else text.splitlines(True) for kind, text in data.items()}
     return {"output_type": "execute_result", "execution_count": count, "metadata": {}, "data": lines}
 
