@@ -1,4 +1,6 @@
-"""Where the time of a training goes: start, parts per policy step, update, exam; and whether it repeats.
+"""Where the time of a training goes: start, each part of an iteration, exam; and whether it repeats.
+
+Beside it, the rate of whole trainings on two CPU cores and, where there are two GPUs, on both.
 
 python benchmarks/training.py --device cuda:0 --output results/engine/training-h100.json
 """
@@ -12,7 +14,9 @@ BEGAN = time.perf_counter()  # the imports are part of the start
 
 import argparse
 import hashlib
+import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +29,7 @@ import torch
 from harness import answer, circumstances
 
 from sprintlab.training.environment.sprint import SUBSTEPS
+from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings import ExamSettings, TrainingSettings
@@ -40,6 +45,8 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--device", default="cuda:0" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--robots", type=int, help="as a training on this device when left out")
+    parser.add_argument("--alone", action="store_true", help="nothing on two CPU cores or two GPUs")
+    parser.add_argument("--rate", action="store_true", help="print the rate of a whole training and no more")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--json", action="store_true")
     return parser.parse_args()
@@ -58,6 +65,48 @@ def seconds_of(work: Callable[[], object], device: str, budget: float = 1.0) -> 
     timed()
     first = timed()
     return min([first, *(timed() for _ in range(min(200, int(budget / first))))])
+
+
+def training_rate(chosen: argparse.Namespace, workers: Workers) -> float:
+    """Policy steps/s of a whole training without exams, of all processes together."""
+    settings = replace(
+        TrainOptions(device=chosen.device, environments=chosen.robots).full_settings(), exam=None
+    )
+    on_gpus = workers.several and chosen.device.startswith("cuda")
+    device = f"cuda:{workers.local_rank}" if on_gpus else chosen.device
+    runner = Runner(settings, device, "benchmarks/training.py", workers=workers)
+    runner.iterate()
+    rows = [runner.iterate() for _ in range(5)]
+    if workers.several:
+        runner.learner.release_graphs()
+    return max(row["steps_per_second"] for row in rows)
+
+
+def rate_elsewhere(*command: str, cores: int | None = None) -> float:
+    """What a process of its own prints as its rate; on so many cores of the CPU."""
+    some = None if cores is None else sorted(os.sched_getaffinity(0))[:cores]
+    confined = None if some is None else (lambda: os.sched_setaffinity(0, some))
+    threads = {} if cores is None else {"OMP_NUM_THREADS": str(cores)}
+    done = subprocess.run(
+        [sys.executable, *command],
+        env=os.environ | threads,
+        preexec_fn=confined,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return float(json.loads(done.stdout.decode().splitlines()[-1]))
+
+
+def rates_elsewhere(chosen: argparse.Namespace) -> dict[str, float]:
+    """Policy steps/s on two CPU cores and, where there are two GPUs, on both."""
+    if chosen.alone:
+        return {}
+    size = [] if chosen.robots is None else ["--robots", str(chosen.robots)]
+    rates = {"two CPU cores": rate_elsewhere(__file__, "--rate", "--device", "cpu", *size, cores=2)}
+    if chosen.device.startswith("cuda") and torch.cuda.device_count() > 1:
+        launch = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+        rates["two GPUs"] = rate_elsewhere(*launch, __file__, "--rate", *size)
+    return rates
 
 
 class TimedRunner(Runner):
@@ -92,7 +141,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     environment, learner, exams = runner.environment, runner.learner, runner.progress.log[1::2]
     parts = {
         "physics": environment.engine.step,
-        "physics and environment": environment.advance,
+        "environment": environment.after_physics,
         "acting": learner.act,
         "recording": learner.record,
         "update": learner.update,
@@ -119,6 +168,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "repeats": first == TimedRunner(settings, chosen.device).trained(),
         "physics_steps_per_s": robots / times["physics"],
         "training_steps_per_s": robots * steps / times["iteration"],
+        "rates_elsewhere": rates_elsewhere(chosen),
     }
 
 
@@ -128,13 +178,33 @@ def show(result: dict[str, Any]) -> None:
     print(f"{result['device']}, {result['robots']} robots: first iteration after {sum(start.values()):.1f} s")
     for name, seconds in start.items():
         print(f"  {name:30s} {seconds:8.1f} s")
-    for name, seconds in result["times_s"].items():
-        print(f"{name:32s} {1e3 * seconds:8.3f} ms")
-    print(f"exams take {100 * result['exam_share']:.1f} %; the first takes {result['first_exam_s']:.1f} s")
+    times, steps = dict(result["times_s"]), result["steps"]
+    exam, whole = times.pop("exam up to the highest speed"), times["iteration"]
+    print(f"{'of an iteration of ' + str(steps) + ' steps':32s} {'ms once':>8s}   share")
+    for name, seconds in times.items():
+        count = 1 if name in ("update", "iteration") else steps
+        print(f"  {name:30s} {1e3 * seconds:8.3f} {100 * count * seconds / whole:6.1f} %")
+    print(
+        f"exam of {exam:.2f} s: {100 * result['exam_share']:.1f} %; the first {result['first_exam_s']:.1f} s"
+    )
     physics, training = result["physics_steps_per_s"], result["training_steps_per_s"]
     print(f"policy steps/s: physics alone {physics:,.0f}, training {training:,.0f}")
+    for name, rate in result["rates_elsewhere"].items():
+        share = f", {rate / training:.2f} of one" if name == "two GPUs" else ""
+        print(f"policy steps/s on {name}: {rate:,.0f}{share}")
     print("one seed gives one network, bit for bit:", "yes" if result["repeats"] else "NO")
 
 
+def main() -> int:
+    """A benchmark, or one rate for another process that measures."""
+    if not parse().rate:
+        return answer(parse, measure, show)
+    workers = join_workers()
+    rate = training_rate(parse(), workers)
+    if workers.leads:
+        print(json.dumps(rate))
+    return 0
+
+
 if __name__ == "__main__":
-    sys.exit(answer(parse, measure, show))
+    sys.exit(main())
