@@ -22,7 +22,7 @@ from sprintlab.training.learner.losses import (
     noise_scale_per_env,
     policy_gradients,
 )
-from sprintlab.training.learner.networks import Critic
+from sprintlab.training.learner.networks import Actor, Critic
 from sprintlab.training.learner.parameters import ParameterBlock
 from sprintlab.training.learner.perceptron import Perceptron
 from sprintlab.training.learner.storage import Rollout
@@ -44,6 +44,13 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="module")
 def learner() -> EstimatorPpo:
     return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
+
+
+def fill_rollout(learner: EstimatorPpo) -> None:
+    for _ in range(STEPS):
+        learner.act()
+        learner.environment.advance()
+        learner.record()
 
 
 def rsl_model(name: str, inputs: int, outputs: int, distribution: dict | None) -> MLPModel:
@@ -127,36 +134,28 @@ def test_an_update_is_rsl_rl_s_update() -> None:
     torch.testing.assert_close(rollout.returns.T, storage.returns[..., 0])
     torch.testing.assert_close(rollout.advantage.T, storage.advantages[..., 0])
     theirs.update()
-    ours = TestedUpdate(actor, critic, rollout)
-    ours.run()
+    rate = run_update(actor, critic, rollout)
     for their, our in both(their_actor, actor.policy) + both(their_critic, critic.value):
         torch.testing.assert_close(our, their, rtol=1e-4, atol=2e-6)
-    assert float(ours.rate) == pytest.approx(theirs.learning_rate)
+    assert rate == pytest.approx(theirs.learning_rate)
 
 
-class TestedUpdate:
-    """Our losses with one optimizer, as ``EstimatorPpo`` applies them, without normalization."""
-
-    __test__ = False
-
-    def __init__(self, actor: torch.nn.Module, critic: torch.nn.Module, rollout: Rollout) -> None:
-        self.actor, self.critic, self.rollout = actor, critic, rollout
-        self.rate = torch.tensor(1e-3)
-        # The normalizers add 0.01 to a unit deviation: taken back here, rsl_rl normalizes nothing.
-        for normalizer in (actor.normalizer, critic.normalizer):
-            normalizer.variance.fill_(0.99**2)
-
-    @torch.no_grad()
-    def run(self) -> None:
-        policy = [*self.actor.policy.mixed_parameters(), (self.actor.std, None)]
-        block = ParameterBlock([policy, self.critic.value.mixed_parameters()], self.rate)
-        old_std = self.actor.std.detach().clone()
-        for _ in range(PPO_SETTINGS.epochs):
-            batch = self.rollout.policy_batch(0, ROBOTS)
-            gradients, parts = policy_gradients(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
-            self.rate.copy_(adapted_learning_rate(self.rate, parts[3], PPO_SETTINGS.desired_kl))
-            block.write(gradients)
-            block.step()
+@torch.no_grad()
+def run_update(actor: Actor, critic: Critic, rollout: Rollout) -> float:
+    """Our epochs as ``EstimatorPpo`` has them, without normalization; returns the last learning rate."""
+    # The normalizers add 0.01 to a unit deviation: taken back here, rsl_rl normalizes nothing.
+    for normalizer in (actor.normalizer, critic.normalizer):
+        normalizer.variance.fill_(0.99**2)
+    rate, old_std = torch.tensor(1e-3), actor.std.clone()
+    policy = [*actor.policy.mixed_parameters(), (actor.std, None)]
+    block = ParameterBlock([policy, critic.value.mixed_parameters()], rate)
+    for _ in range(PPO_SETTINGS.epochs):
+        batch = rollout.policy_batch(0, ROBOTS)
+        gradients, parts = policy_gradients(actor, critic, batch, old_std, PPO_SETTINGS)
+        rate.copy_(adapted_learning_rate(rate, parts[3], PPO_SETTINGS.desired_kl))
+        block.write(gradients)
+        block.step()
+    return float(rate)
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
@@ -175,10 +174,7 @@ def test_robots_with_little_noise_act_with_it_and_their_probabilities_know_it() 
     learner = EstimatorPpo(SprintEnvironment(settings, "cpu"), True, Workers())
     assert bool((learner.rollout.noise_scale == 1.0).all()), "not yet"
     learner.set_phase(0.5)
-    for _ in range(STEPS):
-        learner.act()
-        learner.environment.advance()
-        learner.record()
+    fill_rollout(learner)
     rollout, std = learner.rollout, learner.actor.std.detach()
     low = rollout.noise_scale[:, 0] < 1.0
     spread = (rollout.action - rollout.mean).std((1, 2))
@@ -209,10 +205,7 @@ def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorP
 
 
 def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:
-    for _ in range(STEPS):
-        learner.act()
-        learner.environment.advance()
-        learner.record()
+    fill_rollout(learner)
     before = {name: value.clone() for name, value in learner._networks().items()}
     learner.take_log()
     learner.rollout.reward[1, 2] = float("nan")
@@ -289,10 +282,7 @@ def test_float16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
     """The rollout decides in the same precision: before the first step the ratio is one, as it should be."""
     short = replace(SETTINGS, ppo=replace(PPO_SETTINGS, precision="float16"))
     rounded = EstimatorPpo(SprintEnvironment(short, "cpu"), True, Workers())
-    for _ in range(STEPS):
-        rounded.act()
-        rounded.environment.advance()
-        rounded.record()
+    fill_rollout(rounded)
     rounded._prepare()
     batch = rounded.rollout.policy_batch(0, ROBOTS)
     with torch.no_grad():

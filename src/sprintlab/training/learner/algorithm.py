@@ -38,15 +38,8 @@ from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import TrainingSettings
 
 LOSS_NAMES = (
-    "surrogate",
-    "value",
-    "entropy",
-    "divergence",
-    "velocity",
-    "contact",
-    "reconstruction",
-    "latent",
-)
+    "surrogate", "value", "entropy", "divergence", "velocity", "contact", "reconstruction", "latent",
+)  # fmt: skip
 
 
 def build_actor(settings: TrainingSettings, robot: RobotDescription) -> Actor:
@@ -84,32 +77,27 @@ class EstimatorPpo:
         self.actor = build_actor(settings, environment.robot).to(self.device)
         self.critic = Critic(ppo, environment.observation).to(self.device)
         self._workers.broadcast([*self.actor.parameters(), *self.critic.parameters()])
-        self.rollout = Rollout(
-            environment.num_envs,
-            ppo.steps,
-            environment.observation,
-            settings,
-            self.device,
-        )
-        self._noise_scale = noise_scale_per_env(environment.num_envs, ppo).unsqueeze(1).to(self.device)
+        robots, device = environment.num_envs, self.device
+        self.rollout = Rollout(robots, ppo.steps, environment.observation, settings, device)
+        self._noise_scale = noise_scale_per_env(robots, ppo).unsqueeze(1).to(device)
         self._precision = precision_of(ppo)
         actor, critic, estimator = self.actor, self.critic.value, self.actor.estimator
-        self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
+        self.learning_rate = torch.tensor(ppo.learning_rate, device=device)
         groups = [[*actor.policy.mixed_parameters(), (actor.std, None)], critic.mixed_parameters()]
         self.block = ParameterBlock(groups, self.learning_rate)
-        self.estimator_rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
+        self.estimator_rate = torch.tensor(settings.estimator.learning_rate, device=device)
         groups = [[*estimator.encoder.mixed_parameters(), *estimator.decoder.mixed_parameters()]]
         self.estimator_block = ParameterBlock(groups, self.estimator_rate)
         for layer in (*actor.policy.stack, *critic.stack):
             layer.rounded = self.block.part(self.block.rounded, layer.weight)
         self._std_place = self.block.place(actor.std)
         self.old_std = self.actor.std.detach().clone()
-        self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=self.device) for _ in range(2))
-        self.desired_kl = torch.tensor(ppo.desired_kl, device=self.device)
+        self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=device) for _ in range(2))
+        self.desired_kl = torch.tensor(ppo.desired_kl, device=device)
         self.set_phase(0.0)
-        self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
-        self._parts = torch.zeros(4, device=self.device)
-        self.rolled_back = torch.zeros((), device=self.device)
+        self._loss_sums = torch.zeros(len(LOSS_NAMES), device=device)
+        self._parts = torch.zeros(4, device=device)
+        self.rolled_back = torch.zeros((), device=device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
 
     def set_phase(self, share: float) -> None:
