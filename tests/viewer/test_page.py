@@ -9,14 +9,8 @@ import pytest
 from sprintlab import control
 from sprintlab.api.replays import live_session
 from sprintlab.cli.main import main, parse
-from sprintlab.viewer.live import Session
 
 pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'")
-
-import viser
-from websockets.sync.client import connect
-
-from sprintlab.viewer.page import Page, PageOptions
 
 
 def test_duration_ends_the_command(capsys):
@@ -77,21 +71,3 @@ def test_interrupt_ends_the_command_as_done():
 def _heed_interrupts():
     """A shell's background jobs ignore them, and with them whatever the tests start."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def test_a_page_for_other_machines_is_opened_by_the_machines_name(robot, policy):
-    """Its page was served and its socket refused, with status 403; behind a forwarder of HTTPS too."""
-    page = Page(Session(robot, {"sprint": policy}), PageOptions(host="0.0.0.0", port=8291))
-    assert page.address.startswith("http://localhost:")
-    try:
-        for scheme in ("http", "https"):
-            with connect(
-                page.address.replace("http:", "ws:"),
-                origin=f"{scheme}://robot-lab",
-                additional_headers={"Host": "robot-lab"},
-                subprotocols=[f"viser-v{viser.__version__}"],
-            ) as socket:
-                assert socket.recv(timeout=60.0)
-    finally:
-        page.end()
-        page.run()
