@@ -165,11 +165,11 @@ def quantities(
     Mappings give a row an entry; lists of other than numbers, and what is not known, none.
 
     Args:
-        title: of the table.
+        title: title of the table.
         numbers: as JSON has them.
         others: the same numbers of further columns.
         names: headings of the columns.
-        units: of keys that do not end in theirs.
+        units: units of keys that do not end in theirs.
     """
     columns = [dict(_flat(each)) for each in (numbers, *others)]
     keys = dict.fromkeys(key for each in columns for key in each)

@@ -188,7 +188,7 @@ class _Loop:
         answered, answer, heard = 0, None, time.monotonic()
         while not self.report.end:
             states = list(iter(self.bus.receive, None))
-            # Of a controller that was slow, not deaf, the robot has asked twice: to ask again is no fault.
+            # The robot asks a slow controller twice: a second question is no fault.
             asked = {state.sequence: state for state in states if state.sequence != answered}
             if asked:
                 answered = states[-1].sequence
