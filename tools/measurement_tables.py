@@ -1,4 +1,4 @@
-"""Tables of measurements that need no new policy: engine, motor law in other frameworks, robot's bus."""
+"""Tables of measurements that need no new policy: engine, motor law elsewhere, robot's bus, designs."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def measurement_tables() -> dict[str, str]:
         "newton_walk": newton_walk(_read("integrations/newton-anymal")),
         "guest_costs": guest_costs(_read("integrations/cost")),
         "bus_tolerance": bus_tolerance(_read("deployment/bus_tolerance")["rows"]),
+        "design": design(_read("design/bp2")),
     }
 
 
@@ -172,3 +173,22 @@ def _number(value: float | None, digits: int) -> str:
 
 def _read(name: str) -> Any:
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def design(found: Row) -> str:
+    """What ``sprintlab design`` said, then the best design of each winding by the refined motor."""
+    best: dict[float, Row] = {}
+    for row in sorted(found["designs"], key=lambda row: row["limits"]["refined"]["speed_m_s"]):
+        best[row["design"]["winding"]] = row
+    head = ("winding", "hip gear", "knee gear", "limit", "by v_d = 0", "current", "power", "winding, 10 s")
+    rows = [
+        (
+            *(f"{row['design'][name]:g}" for name in ("winding", "gear.hip", "gear.knee")),
+            *(f"{row['limits'][model]['speed_m_s']:.2f} m/s" for model in ("refined", "simplified-dc")),
+            f"{row['current_A']:.0f} A",
+            f"{row['limits']['refined']['power_W']:.0f} W",
+            f"{row['limits']['refined']['winding_degC']:.0f} degC",
+        )
+        for _, row in sorted(best.items())
+    ]
+    return "\n\n".join([*found["sentences"], "The best design of each winding:", as_table(head, rows)])

@@ -34,7 +34,7 @@ def test_a_run_that_was_stopped_goes_on_and_repeats_nothing(call, searched, monk
     assert searched == ["bp2-gear.hip=9,winding=1"] * 2
     searched.clear()
     table = call(*VARIED, "--starts", 2).out  # other settings: other numbers
-    assert len(searched) == 8 and "by v_d = 0" in table
+    assert len(searched) == 8 and "without d axis" in table
 
 
 @pytest.mark.usefixtures("searched")

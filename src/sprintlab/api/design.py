@@ -234,7 +234,7 @@ def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
     }
     ranked = sorted(rows, key=lambda row: -row["limits"]["refined"]["speed_m_s"])[:SHOWN]
     title = f"Designs of {name}, {len(ranked)} of {len(rows)}, fastest first"
-    note = "by v_d = 0: what a motor model without the d-axis voltage promises; all else by the refined motor"
+    note = "without d axis: what a motor with v_d = 0 promises; everything else by the refined motor"
     shown = [records(title, [_row(each) for each in ranked]), note, *sentences]
     draw = drawn("speed_limit.figure.designs_figure", name, rows)
     return Drawn(numbers=numbers, shown=shown, found=chosen, draw=draw)
@@ -249,17 +249,16 @@ def _rounded(row: Mapping[str, Any]) -> dict[str, Any]:
 def _row(row: Mapping[str, Any]) -> dict[str, Any]:
     """What stands of a design in the table."""
     judge, other = (row["limits"][model] for model in METHODS)
-    found = {**row["design"], "limit_m_s": judge["speed_m_s"], "by v_d = 0": other["speed_m_s"]}
-    found |= {
+    found = {
+        **row["design"],
+        "limit_m_s": judge["speed_m_s"],
+        "without_d_axis_m_s": other["speed_m_s"],
         "current_A": row["current_A"],
         "power_W": judge["power_W"],
         "winding_degC": judge["winding_degC"],
     }
     if trained := row.get("trained"):
         held, promised = (trained[model]["speed_m_s"] for model in METHODS)
-        found |= {
-            "trained_m_s": held,
-            "trained by v_d = 0": promised,
-            "judged_m_s": trained["simplified-dc"]["judged_m_s"],
-        }
-    return found
+        judged = trained["simplified-dc"]["judged_m_s"]
+        found |= {"trained_m_s": held, "trained_without_m_s": promised, "of_it_left_m_s": judged}
+    return {name: round(value, 0 if value > 30.0 else 2) for name, value in found.items()}
