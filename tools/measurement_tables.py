@@ -176,19 +176,32 @@ def _read(name: str) -> Any:
 
 
 def design(found: Row) -> str:
-    """What ``sprintlab design`` said, then the best design of each winding by the refined motor."""
-    best: dict[float, Row] = {}
-    for row in sorted(found["designs"], key=lambda row: row["limits"]["refined"]["speed_m_s"]):
-        best[row["design"]["winding"]] = row
-    head = ("winding", "hip gear", "knee gear", "limit", "by v_d = 0", "current", "power", "winding, 10 s")
+    """What each motor model chooses of ``sprintlab design``, then the best design of each winding."""
+    ranked = sorted(found["designs"], key=lambda row: row["limits"]["refined"]["speed_m_s"])
+    best = {row["design"]["winding"]: row for row in ranked}
+    wrong = max(ranked, key=lambda row: row["limits"]["simplified-dc"]["speed_m_s"])
+    named = [("chosen by the refined motor", ranked[-1]), ("chosen by v_d = 0", wrong)]
+    named += [(f"best with winding {winding:g}", row) for winding, row in sorted(best.items())]
+    head = (
+        "design",
+        "winding",
+        "hip gear",
+        "knee gear",
+        "limit",
+        "by v_d = 0",
+        "current",
+        "power",
+        "after 10 s",
+    )
     rows = [
         (
+            what,
             *(f"{row['design'][name]:g}" for name in ("winding", "gear.hip", "gear.knee")),
             *(f"{row['limits'][model]['speed_m_s']:.2f} m/s" for model in ("refined", "simplified-dc")),
             f"{row['current_A']:.0f} A",
             f"{row['limits']['refined']['power_W']:.0f} W",
             f"{row['limits']['refined']['winding_degC']:.0f} degC",
         )
-        for _, row in sorted(best.items())
+        for what, row in named
     ]
-    return "\n\n".join([*found["sentences"], "The best design of each winding:", as_table(head, rows)])
+    return as_table(head, rows)
