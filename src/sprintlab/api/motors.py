@@ -112,7 +112,7 @@ def show_motor(
 
     Args:
         gear_ratio: motor speed over joint speed.
-        gear_efficiency: gear efficiency of the gear.
+        gear_efficiency: efficiency of the gear.
     """
     drive, title, _ = found = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency)
     motor = {item.name: float(getattr(drive.motor, item.name)) for item in fields(drive.motor)}
