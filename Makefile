@@ -8,7 +8,7 @@
 
 PYTHON ?= python3
 # The shipped policy's top command [m/s]; without it the race searches for one first.
-RACE_ARGS ?= sprint --top-speed 13.25
+RACE_ARGS ?= sprint --top-speed 13
 # One more than two cores: some tests wait for other processes.
 WORKERS ?= 3
 

@@ -91,7 +91,7 @@ def bands(held: dict[str, float]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("policy", nargs="?", default="sprint", help="a policy of the package")
-    parser.add_argument("speed", nargs="?", type=float, default=13.25, help="its command [m/s]")
+    parser.add_argument("speed", nargs="?", type=float, default=13.0, help="its command [m/s]")
     chosen = parser.parse_args()
     leg = effective_leg_mass(build_model(load_robot("bp2")))
     print(f"effective mass of a leg: {leg:.2f} kg")

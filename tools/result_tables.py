@@ -94,12 +94,13 @@ def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
 
 
 def seeds(policy: str) -> str:
-    """That a policy is the median of its seeds, with worst and best; empty without ``seeds.json``."""
+    """What all its seeds hold, and that it is their median one; empty without ``seeds.json``."""
     path = RESULTS / policy / "seeds.json"
     if not path.is_file():
         return ""
     speeds = [row["held_speed_m_s"] for row in json.loads(path.read_text(encoding="utf-8"))]
-    return f", median of {len(speeds)} seeds ({number(min(speeds))} to {number(max(speeds))})"
+    which = "median" if len(speeds) > 2 else "better"
+    return f", {which} of {len(speeds)} seeds ({number(min(speeds))} to {number(max(speeds))})"
 
 
 def policies(races: dict[str, Row], engines: Sequence[Row], sprints: dict[str, Row]) -> str:

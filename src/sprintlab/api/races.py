@@ -119,7 +119,7 @@ def race(
 ) -> Race:
     """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
 
-    Example: sprintlab race sprint --top-speed 13.25
+    Example: sprintlab race sprint --top-speed 13
 
     Args:
         top_speed: top speed of the profile [m/s]; when left out, a search finds that at which most is held.
