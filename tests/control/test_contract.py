@@ -45,7 +45,7 @@ def test_contract_survives_its_json_exactly(contract, robot):
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        (lambda c: {"format_version": 2}, "format_version"),
+        (lambda c: {"format_version": 3}, "format_version"),
         (lambda c: {"policy_rate_hz": 100.0}, "policy_rate_hz"),
         (lambda c: {"robot_name": "bp3"}, "robot_name"),
         (lambda c: {"joint_names": c.joint_names[::-1]}, "joint_names"),

@@ -20,8 +20,6 @@ from sprintlab.api.results import (
     remark,
     silent,
 )  # fmt: skip
-from sprintlab.control.pace import PaceContract
-from sprintlab.control.turning import TurningContract
 from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
@@ -262,9 +260,6 @@ def export(
     checkpoint: Path | str,
     output: Path | str,
     *,
-    braking_power: float | None = None,
-    lead: float | None = None,
-    turning_speed: float | None = None,
     progress: Progress = silent,
 ) -> Result:
     """Write a training checkpoint as one ONNX file that carries its own contract, checked against PyTorch.
@@ -274,17 +269,9 @@ def export(
     Args:
         checkpoint: checkpoint of a training run.
         output: the ONNX file to write.
-        braking_power: the command that reaches the network falls no faster than this power a kilogram [W/kg].
-        lead: the command that reaches the network runs no further ahead of the estimated speed [m/s].
-        turning_speed: the network is asked for twice the commanded yaw rate at this forward speed [m/s], and
-            a loop on the gyroscope adds what is missing.
     """
     require_training()
     checkpoint, output = Path(checkpoint), Path(output)
-    asked = {"power": braking_power, "lead": lead}
-    given = {name: value for name, value in asked.items() if value is not None}
-    pace = PaceContract(**given) if given else None
-    turning = None if turning_speed is None else TurningContract(doubling_speed=turning_speed)
     if not checkpoint.is_file():
         raise SprintlabError(f"checkpoint {checkpoint} does not exist")
     if output.is_dir():
@@ -294,7 +281,7 @@ def export(
     progress("exporting", None)
     from sprintlab.training.runs.export import export_checkpoint
 
-    made = export_checkpoint(checkpoint, output, pace, turning)
+    made = export_checkpoint(checkpoint, output)
     compared = f"greatest difference from PyTorch: {made.difference:.1e}"
     numbers = {**made._asdict(), "path": str(made.path)}
     return Result(numbers=numbers, shown=[f"policy: {made.path}", compared], found=made)

@@ -13,19 +13,16 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from sprintlab.control.calibration import CalibrationContract
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVABLES, Observation, ObservationLayout
-from sprintlab.control.pace import PaceContract
 from sprintlab.control.standing import StandingContract
-from sprintlab.control.turning import TurningContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.core.reading import parse_json
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
 CONTRACT_KEY = "sprintlab_contract"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 HISTORY_ORDER = "oldest-first"
 _LONGEST = 1 << 20  # characters of a contract; those of this package have some 5000
 POLICY_RATE_HZ = 50.0
@@ -151,10 +148,6 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     position_limits: tuple[Interval, ...] | None = None  # lowest and highest position of each joint [rad]
     estimate: tuple[EstimateTerm, ...] | None = None  # terms of the network's estimate in order
     standing: StandingContract | None = None  # when the robot is held in its default pose; None: never
-    pace: PaceContract | None = None  # how far the command may run ahead, and how fast it may fall
-    turning: TurningContract | None = None  # which yaw rate the network is asked for
-    # which forward command the network is given, and which forward speed its estimate stands for
-    calibration: CalibrationContract | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
@@ -240,8 +233,6 @@ def make_contract(
     proprioception_filter: LowPass,
     estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
-    pace: PaceContract | None = None,
-    turning: TurningContract | None = None,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``; arguments as its fields.
 
@@ -253,8 +244,6 @@ def make_contract(
         proprioception_filter: the low-pass used in training; its rate is the policy's.
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
-        pace: as the contract's.
-        turning: as the contract's.
     """
     return PolicyContract(
         **robot_section(robot),
@@ -266,8 +255,6 @@ def make_contract(
         ),
         estimate=None if estimate_filter is None else ESTIMATE_TERMS,
         standing=None if estimate_filter is None else StandingContract(),
-        pace=pace,
-        turning=turning,
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,

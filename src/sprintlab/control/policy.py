@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
-from sprintlab.control.calibration import given_speed, true_speed
 from sprintlab.control.contract import (
     CONTRACT_KEY,
     ESTIMATE_TERMS,
@@ -32,10 +31,8 @@ from sprintlab.control.observation import (
     split_proprioception,
 )
 from sprintlab.control.onnx_runtime import onnxruntime
-from sprintlab.control.pace import limit_braking, limit_lead
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.control.standing import StandingHold
-from sprintlab.control.turning import TurningLoop
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, printable
 from sprintlab.core.reading import read_bytes
 from sprintlab.robots import RobotDescription
@@ -124,9 +121,7 @@ class Measurement(NamedTuple):
 class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
-    As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose,
-    the forward command is the one at which the robot runs as commanded, runs ahead of it, and falls, no more
-    than the policy follows well, and a loop on the gyroscope decides which yaw rate the network is asked for.
+    As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose.
 
     Args:
         policy: the loaded policy.
@@ -146,20 +141,16 @@ class PolicyRuntime:
         self._action_scale = np.asarray(contract.action_scale)
         standing = contract.standing if policy.estimates else None
         self._standing = None if standing is None else StandingHold(standing, contract.policy_rate_hz)
-        turning = contract.turning
-        self._turning = None if turning is None else TurningLoop(turning, contract.policy_rate_hz)
         self.reset()
 
     def reset(self) -> None:
-        """Forget filter, history, previous action, estimate, hold and command.
+        """Forget filter, history, previous action, estimate and hold.
 
         The next step starts from its own measurement and from a zero estimate.
         """
         self._filtered: FloatArray | None = None
-        self._forward = 0.0
-        for each in (self._standing, self._turning):
-            if each is not None:
-                each.reset()
+        if self._standing is not None:
+            self._standing.reset()
         self._forget()
 
     def _forget(self) -> None:
@@ -175,18 +166,12 @@ class PolicyRuntime:
 
     @property
     def last_estimate(self) -> FloatArray | None:
-        """The last estimate, filtered ``(8,)``, its forward speed calibrated as the contract says.
+        """The last estimate, filtered ``(8,)``.
 
         Velocity in the body frame [m/s] 3, base height [m] 1, probability of foot contact 4. ``None`` before
-        the first step, and for a policy without an estimator. The network is handed back its own.
+        the first step, and for a policy without an estimator.
         """
-        if self._estimate is None:
-            return None
-        estimate = self._estimate[0]
-        if self._policy.contract.calibration is not None:
-            estimate = estimate.copy()
-            estimate[0] = self._true_speed()
-        return estimate
+        return None if self._estimate is None else self._estimate[0]
 
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         """Joint position targets [rad] ``(joints,)`` for the next policy period.
@@ -203,7 +188,7 @@ class PolicyRuntime:
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
-        command = self._shaped(np.asarray(command), measurement)
+        command = np.asarray(command)
         share = self._share(measurement, command)
         frame = self._frame(measurement, command)
         if self._history is None:
@@ -216,38 +201,13 @@ class PolicyRuntime:
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
 
-    def _shaped(self, given: FloatArray, measurement: Measurement) -> FloatArray:
-        """The command that the network is given: calibrated, paced and turned as the contract says."""
-        contract, forward, yaw_rate = self._policy.contract, float(given[0]), float(given[2])
-        if contract.calibration is not None:
-            forward = given_speed(contract.calibration, forward)
-        pace, led = contract.pace, forward
-        if pace is not None:
-            forward = limit_braking(pace, self._forward, forward, contract.policy_rate_hz)
-            led = limit_lead(pace, self._true_speed(), forward)
-        self._forward = forward
-        if self._turning is not None:  # not by the led command, which ripples and would pass for braking
-            yaw_rate = self._turning.step(forward, yaw_rate, float(measurement.angular_velocity[2]))
-        return np.array([led, given[1], yaw_rate])
-
-    def _velocity(self) -> FloatArray:
-        """The estimated velocity of the last step, body frame [m/s] ``(3,)``; zeros without one.
-
-        As the network tells it: what tells a robot that stands is below every calibration.
-        """
-        return np.zeros(3) if self._estimate is None else self._estimate[0, :3]
-
-    def _true_speed(self) -> float:
-        """The forward speed [m/s] that the last estimate stands for."""
-        calibration, estimated = self._policy.contract.calibration, float(self._velocity()[0])
-        return estimated if calibration is None else true_speed(calibration, estimated)
-
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""
         if self._standing is None:
             return 1.0
         held = self._standing.held
-        share = self._standing.share(command, self._velocity(), measurement.projected_gravity)
+        velocity = np.zeros(3) if self._estimate is None else self._estimate[0, :3]
+        share = self._standing.share(command, velocity, measurement.projected_gravity)
         if held and not self._standing.held:  # the estimate of a robot that stands is wrong by up to 1.1 m/s
             self._forget()
         return share

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 
 import numpy as np
@@ -17,9 +16,6 @@ from sprintlab.control import (
     shipped_policies,
     shipped_policy,
 )
-from sprintlab.control.calibration import CalibrationContract
-from sprintlab.control.pace import PaceContract
-from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import modes as modes_module
 from sprintlab.deployment.controller.modes import Mode, Run
@@ -27,7 +23,6 @@ from sprintlab.deployment.guard import Fault
 from sprintlab.deployment.guard.monitors import trunk_tilt
 from sprintlab.deployment.messages import JointMode, RobotStatus
 from sprintlab.deployment.operators.base import OperatorCommand, Request
-from sprintlab.robots import load_robot
 
 
 class Operator:
@@ -135,23 +130,6 @@ def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy):
         gravity = np.asarray(projected_gravity(state.quaternion))
         seen = Measurement(state.angular_velocity, gravity, state.joint_position, state.joint_velocity)
         np.testing.assert_array_equal(runtime.step(seen, tick.velocity), tick.targets)
-
-
-@pytest.mark.parametrize(
-    ("pace", "given"), [({"power": 1.0}, None), ({"deceleration": 0.5}, None), ({}, 40.0), ({}, 13.25)]
-)
-def test_a_policy_that_would_run_on_when_told_to_brake_is_refused(pace, given, sprint_policy):
-    """Its speed falls too slowly, from the speed that the network is given."""
-    policy, robot, calibration = copy.copy(sprint_policy), load_robot("bp2"), None
-    if given is not None:
-        limits = {"estimated": (1.0, 2.0), "true": (1.0, 2.0)}
-        calibration = CalibrationContract(commanded=(5.0, 12.0), given=(5.0, given), **limits)
-    policy.contract = replace(sprint_policy.contract, pace=PaceContract(**pace), calibration=calibration)
-    if given == 13.25:
-        Controller(policy, robot, Operator())
-        return
-    with pytest.raises(ContractMismatchError, match=r"braking .* from 12 m/s to rest"):
-        Controller(policy, robot, Operator())
 
 
 UNFIT = [

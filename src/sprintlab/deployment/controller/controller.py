@@ -17,9 +17,6 @@ import numpy as np
 from sprintlab.commands import heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
-from sprintlab.control.calibration import given_speed
-from sprintlab.control.pace import braking_time
-from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller import modes
 from sprintlab.deployment.controller.course import Course
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
@@ -65,8 +62,7 @@ class Controller:
         moving_since: time in the last run at which the command was first not zero [s]; None before.
 
     Raises:
-        ContractMismatchError: the policy was not made for this robot, or says that its speed falls so slowly
-            that every brake would end in a stop at speed.
+        ContractMismatchError: the policy was not made for this robot.
     """
 
     def __init__(
@@ -78,7 +74,6 @@ class Controller:
         self._states, self._body = StateMonitor(robot), BodyMonitor(robot)
         self._commands = CommandWriter(robot, self.session)
         self._limiter = VelocityLimiter(top_speed)
-        _check_braking(policy, self._limiter)
         self._wish = np.zeros(3)  # the last sound one of the source
         self._heard_at = -math.inf  # the source, last
         self._targets: FloatArray = np.array(robot.default_pose)
@@ -380,22 +375,6 @@ class Controller:
         if self._behaviour.damps:
             return self._commands.damping(now, state, stale=self._states.stale(self._time))
         return self._commands.servo(now, state, self._targets)
-
-
-def _check_braking(policy: Policy, limiter: VelocityLimiter) -> None:
-    """Refuse a policy that goes on at speed when it is told to brake. Raises ``ContractMismatchError``."""
-    braking = policy.contract.pace
-    if braking is None:
-        return
-    calibration, fastest = policy.contract.calibration, limiter.top_speed
-    if calibration is not None:  # the command that the network is given falls, and it may be the faster one
-        fastest = max(fastest, given_speed(calibration, fastest))
-    taken, longest = braking_time(braking, fastest), limiter.braking_time + modes.BRAKE_RESERVE
-    if taken > longest:
-        raise ContractMismatchError(
-            f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
-            f"takes {taken:.1f} s from {limiter.top_speed:g} m/s to rest, and a robot has {longest:.1f} s"
-        )
 
 
 def _measurement(state: RobotState) -> Measurement:

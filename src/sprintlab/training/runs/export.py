@@ -21,8 +21,6 @@ from sprintlab.control import (
     make_contract,
 )
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
-from sprintlab.control.pace import PaceContract
-from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.reading import refused_as_damaged
@@ -56,20 +54,12 @@ class ExportedPolicy(NamedTuple):
     difference: float
 
 
-def export_checkpoint(
-    checkpoint: Path,
-    output: Path,
-    pace: PaceContract | None = None,
-    turning: TurningContract | None = None,
-) -> ExportedPolicy:
+def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
     Args:
         checkpoint: Checkpoint of a training run.
         output: File to write.
-        pace: How far the forward command that reaches the network may run ahead of the robot, and how fast
-            it may fall; as it is given when left out.
-        turning: Which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, its robot's table has changed, or the disk refuses.
@@ -80,7 +70,7 @@ def export_checkpoint(
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
     network = _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size)
-    data = _with_contract(network, state, pace, turning)
+    data = _with_contract(network, state)
     difference = _difference(data, actor, load_robot(settings.robot))
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, difference)
@@ -102,9 +92,7 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     return buffer.getvalue()
 
 
-def _with_contract(
-    data: bytes, state: dict[str, Any], pace: PaceContract | None, turning: TurningContract | None
-) -> bytes:
+def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
     settings: TrainingSettings = state["settings"]
     robot = load_robot(settings.robot)
     check_robot(state, robot)
@@ -123,8 +111,6 @@ def _with_contract(
         software=state["versions"],
         proprioception_filter=LowPass(),
         estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
-        pace=pace,
-        turning=turning,
     )
     model = onnx.load_from_string(data)
     onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
