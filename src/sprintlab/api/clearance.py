@@ -14,7 +14,7 @@ from sprintlab.robots import RobotDescription
 
 HARMFUL = ("foot force", "gear torque")
 """Items of the audit that break a robot."""
-TRIED_SPEEDS = (12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
+TRIED_SPEEDS = (13.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
 """Top speeds of the trials that look for the highest one that a policy may be asked for [m/s]."""
 STORED_SPEEDS = SHIPPED_POLICIES / "cleared_speeds.json"
 """What ``cleared_speed`` found for the policies of the package: SHA-256 of the file to speed [m/s]."""
