@@ -31,6 +31,8 @@ from sprintlab.robots import RobotDescription, load_robot
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # WebGL without a GPU; no sandbox, because tests often run as root in a container.
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+PATIENCE = 180_000
+"""For a browser, which renders in software on a shared core [ms]."""
 
 # One thread a process for PyTorch: tests run side by side, and its threads spend most of their time waiting.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -247,7 +249,7 @@ def browser() -> Iterator[Any]:
             system = next(filter(None, map(shutil.which, BROWSERS)), None)
             if system is None:
                 pytest.skip("needs a browser: playwright install chromium, or Chromium from the system")
-            opened = driver.chromium.launch(executable_path=system, args=FLAGS)
+            opened = driver.chromium.launch(executable_path=system, args=FLAGS, timeout=PATIENCE)
         yield opened
         opened.close()
 
@@ -256,7 +258,7 @@ def browser() -> Iterator[Any]:
 def tab(browser: Any) -> Iterator[Any]:
     """An empty page whose script errors fail the test."""
     page = browser.new_page(viewport={"width": 900, "height": 600})
-    page.set_default_timeout(180_000)  # ms: software rendering on a shared core is slow
+    page.set_default_timeout(PATIENCE)
     errors: list[Any] = []
     page.on("pageerror", lambda error: errors.append(error))
     yield page

@@ -81,6 +81,7 @@ def test_the_search_of_a_folder_answers(site, tab):
 def test_nothing_is_wider_than_a_phone(site, browser, page):
     """What is wider scrolls by itself."""
     tab = browser.new_page(viewport={"width": 390, "height": 844})
+    tab.set_default_timeout(180_000)
     tab.goto((site / f"{page}.html").as_uri())
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
     tab.close()
