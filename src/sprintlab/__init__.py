@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from sprintlab.api.robots import show_robot as show_robot
     from sprintlab.api.training import Training as Training
     from sprintlab.api.training import export as export
-    from sprintlab.api.training import learning as learning
     from sprintlab.api.training import method as method
     from sprintlab.api.training import sweep as sweep
     from sprintlab.api.training import train as train
@@ -77,7 +76,7 @@ _HOMES = {
         "api.results": "Drawn Result",
         "api.robot_bus": "robot_sim run",
         "api.robots": "import_robot list_robots show_robot",
-        "api.training": "Training export learning method sweep train",
+        "api.training": "Training export method sweep train",
         "core.errors": "SprintlabError",
         "motors": "torque_limits",
         "robots": "load_robot robot_names",

@@ -52,7 +52,6 @@ REFUSED = (
     ("sweep s --methods sprinting --dry-run", "sprinting"),
     ("sweep s --set ppo.steps --dry-run", "expected e.g. ppo.steps=8"),
     ("export junk.pt policy.onnx", "junk.pt"),
-    ("learning junk.pt", "junk.pt"),
     ("race gallop", "gallop"),
     ("race broken.onnx", "damaged"),
     ("race other.onnx", "stiffness"),

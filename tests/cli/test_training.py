@@ -38,7 +38,7 @@ def test_a_method_is_changed_by_dotted_names():
     assert settings.simulation.environments == 64
     with pytest.raises(sl.SprintlabError, match="acs"):
         sl.method("sprnt")
-    with pytest.raises(sl.SprintlabError, match=r"ppo\.stepz.*did you mean ppo\.steps"):
+    with pytest.raises(sl.SprintlabError, match=r"ppo\.stepz.*choose among steps"):
         sl.method("acs", {"ppo.stepz": 16})
 
 

@@ -20,7 +20,10 @@ from sprintlab.training.terms import drawn
         (["--save-seconds", "-1"], "save_seconds = -1.0"),
         (["--device", "gpu7"], "device = 'gpu7' is not allowed: choose one of auto, cpu"),
         (["--device", "cuda:99"], "cuda:99"),
-        (["--set", "ppo.stepps=3"], "did you mean ppo.steps?"),
+        (
+            ["--set", "ppo.stepps=3"],
+            "ppo.stepps = 3 is not allowed: there is no such setting, choose among steps",
+        ),
         (["--settings", "nowhere.toml"], "cannot read settings nowhere.toml"),
     ],
 )

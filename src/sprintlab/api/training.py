@@ -1,4 +1,4 @@
-"""``method``, ``train``, ``sweep``, ``learning`` and ``export``: from settings to a policy file."""
+"""``method``, ``train``, ``sweep`` and ``export``: from settings to a policy file."""
 
 from __future__ import annotations
 
@@ -9,24 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from sprintlab.api.reached import LOG_LIMIT, what_was_reached
-from sprintlab.api.results import (
-    Drawn,
-    Progress,
-    Result,
-    drawn,
-    exit_if_worker,
-    quantities,
-    records,
-    remark,
-    silent,
-)  # fmt: skip
+from sprintlab.api.results import Progress, Result, exit_if_worker, quantities, records, remark, silent
 from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
-from sprintlab.core.files import check_writable, check_writable_file
+from sprintlab.core.files import check_writable_file
 from sprintlab.core.garbage import suspended_garbage_collection
-from sprintlab.core.reading import read_rows, refused_as_damaged
+from sprintlab.core.reading import read_rows
 from sprintlab.training import methods as known
 from sprintlab.training.runs import sweep as sweeps
 from sprintlab.training.runs.checkpoint import read_checkpoint
@@ -84,8 +74,8 @@ def _robot_word(robot: str | Path) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Training(Drawn):
-    """A training run; prints how far it has come, draws its curves, names its policy.
+class Training(Result):
+    """A training run; prints how far it has come, names its policy.
 
     Attributes:
         folder: folder of the run: checkpoint, log, settings, policy.
@@ -176,7 +166,7 @@ def train(
     if dry_run:
         full = options.full_settings()
         shown = [settings_toml(full).rstrip()]
-        return Training(numbers=to_plain(full), shown=shown, draw=_no_curves, folder=folder)
+        return Training(numbers=to_plain(full), shown=shown, folder=folder)
     check_places(options)  # before PyTorch is imported, which takes many seconds
     with suspended_garbage_collection():
         from sprintlab.training.runs.run import train as run
@@ -190,8 +180,7 @@ def train(
         told = {name: numbers[name] for name in _SHOWN if name in numbers}
         shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]
         shown += what_was_reached(folder, chosen.robot)
-    draw = drawn("training.runs.figures.learning_curve", log)
-    return Training(numbers=numbers, shown=shown, draw=draw, folder=folder)
+    return Training(numbers=numbers, shown=shown, folder=folder)
 
 
 def _chosen_settings(
@@ -217,42 +206,6 @@ def _chosen_settings(
                 raise InvalidValueError(name, typed, f"{file} is for {getattr(chosen, name)}")
     chosen = with_changes(chosen, changes)
     return chosen if seed is None else with_changes(chosen, {"seed": seed})
-
-
-def _no_curves() -> Any:
-    raise SprintlabError("nothing was trained: there is no curve to draw")
-
-
-@checked
-def learning(
-    run_folder: Path | str, *, output: Path | str | None = None, progress: Progress = silent
-) -> Result:
-    """Say how far a training run has come, and draw its curves and curriculum.
-
-    It reads the run's checkpoint, also while the run goes on.
-    Example: sprintlab learning runs/sprint-0
-
-    Args:
-        run_folder: folder of the run, with its checkpoint.pt, or a checkpoint.
-        output: folder for the pictures; the run's own when left out.
-    """
-    require_training()
-    run = Path(run_folder)
-    checkpoint = run / "checkpoint.pt" if run.is_dir() else run
-    place = checkpoint.parent if output is None else Path(output)
-    progress("reading the run", None)
-    state = read_checkpoint(checkpoint)
-    check_writable(place / "learning.png")
-    if "learner" not in state:
-        raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
-    from sprintlab.training.runs.figures import learning_figures, learning_numbers
-
-    with refused_as_damaged(checkpoint):
-        numbers = learning_numbers(state)
-        progress("drawing", None)
-        figures = list(map(str, learning_figures(state, place)))
-    shown = [quantities(str(checkpoint), numbers, units=UNITS), *figures]
-    return Result(numbers={**numbers, "figures": figures}, shown=shown)
 
 
 @checked

@@ -59,7 +59,6 @@ COMMANDS: dict[str, dict[str, Any]] = {
     "train": {
         "train": "training.train",
         "sweep": "training.sweep",
-        "learning": "training.learning",
         "export": "training.export",
         "doctor": "doctor.doctor",
     },

@@ -9,7 +9,7 @@ Nothing here needs PyTorch.
 
 from __future__ import annotations
 
-import difflib
+import re
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -170,7 +170,7 @@ def _value(hint: Any, value: Any, place: str) -> Any:
         converted = _converted(value, kind)
         if converted is not MISSING:
             return converted
-    raise InvalidValueError(place, value, f"must be {_described(hint)}")
+    raise InvalidValueError(place, value, f"must be {_type_name(hint)}")
 
 
 def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
@@ -185,7 +185,8 @@ def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
         elif PARAMETERS in known:
             found[PARAMETERS][name] = _value(_entry(hints[PARAMETERS]), value, full)
         elif name != KIND:
-            raise InvalidValueError(full, value, _unknown(name, known, place))
+            allowed = f"there is no such setting, choose among {', '.join(known)}"
+            raise InvalidValueError(full, value, allowed)
     try:
         return kind(**found)
     except InvalidValueError as error:
@@ -234,7 +235,7 @@ def _converted(value: Any, kind: Any) -> Any:
     return value if kind is Any or type(value) is kind else MISSING
 
 
-# --- words -----------------------------------------------------------------------------------------------
+# --- type hints ------------------------------------------------------------------------------------------
 
 
 def _kinds(hint: Any) -> tuple[Any, ...]:
@@ -251,35 +252,6 @@ def _entry(hint: Any) -> Any:
     return next((get_args(kind)[1] for kind in _kinds(hint) if get_origin(kind) in (dict, Mapping)), None)
 
 
-def _unknown(name: str, known: Sequence[str], place: str) -> str:
-    near = difflib.get_close_matches(name, known, n=2, cutoff=0.6)
-    if near:
-        full = [f"{place}.{each}".lstrip(".") for each in near]
-        return f"there is no such setting, did you mean {' or '.join(full)}?"
-    return f"there is no such setting here, choose among {', '.join(known)}"
-
-
-_WORDS = {
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-    bool: "true or false",
-    types.NoneType: f'"{ABSENT}"',
-    Callable: 'a function, by its name or as "module:name"',
-    dict: "a table",
-}
-
-
-def _described(hint: Any) -> str:
-    return " or ".join(map(_word, _kinds(hint)))
-
-
-def _word(kind: Any) -> str:
-    origin, inner = get_origin(kind), get_args(kind)
-    if is_dataclass(kind):
-        return f"a table of {', '.join(field.name for field in fields(kind))}"
-    if origin is Literal:
-        return f"one of {', '.join(inner)}"
-    if origin is tuple:
-        return "a list of numbers" if inner[-1] is Ellipsis else f"a list of {len(inner)} numbers"
-    return _WORDS.get(origin or kind, str(kind))
+def _type_name(hint: Any) -> str:
+    """A type hint as Python writes it, without the modules of its names."""
+    return re.sub(r"<class '|'>|\w+\.", "", str(hint))

@@ -1,51 +1,13 @@
-"""A run's folder belongs to one training at a time, and a training asked to stop ends between iterations."""
+"""A training that is asked to stop ends between two iterations."""
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FrameType
 
-from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.core.signals import handled_by, terminations
-
-LOCK_NAME = ".lock"
-
-
-@contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
-    """Hold a run's folder; the system lets go of it even if the process is killed.
-
-    The file ``.lock`` in it holds the number of the process. Windows has no such lock: nothing is held there.
-
-    Raises:
-        SprintlabError: another process trains in this folder, or it cannot be made.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK_NAME).open("a+")
-    except OSError as error:
-        raise UnwrittenError(f"cannot write {folder / LOCK_NAME}: {error.strerror or error}") from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            lock.seek(0)
-            owner = lock.read().strip() or "unknown"
-            raise SprintlabError(f"another process trains in {folder}: process {owner}") from error
-        lock.truncate(0)
-        lock.write(f"{os.getpid()}\n")
-        lock.flush()
-        yield
 
 
 class StopRequest:

@@ -17,7 +17,7 @@ from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
 from sprintlab.training.runs.clip import Clips
-from sprintlab.training.runs.guard import StopRequest, exclusive
+from sprintlab.training.runs.guard import StopRequest
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import EXAM, Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.runner import Runner, command_line, device_description
@@ -43,7 +43,7 @@ def train(options: TrainOptions) -> Path:
     """Train until the time or the iterations are used up, then export; returns the checkpoint's path.
 
     Raises:
-        SprintlabError: there is a checkpoint and ``resume`` is off; the folder is in use; the disk refuses.
+        SprintlabError: there is a checkpoint and ``resume`` is off, or the disk refuses.
             The last checkpoint stays as it is.
         KeyboardInterrupt: Ctrl-C; the iteration was finished and saved.
         SystemExit: 143 on SIGTERM, 129 on a hangup (a closed terminal); finished and saved likewise.
@@ -52,19 +52,19 @@ def train(options: TrainOptions) -> Path:
         require_package("wandb", extra="wandb", use="--wandb")
     check_places(options)
     workers = join_workers()
-    with exclusive(options.output) if workers.leads else nullcontext():
+    if workers.leads:
         for name in ("checkpoint.pt", "log.jsonl", POLICY_NAME):
             for half in options.output.glob(f".{name}.*"):  # left by a process that was killed as it wrote
                 half.unlink(missing_ok=True)
-        with preparing(quiet=not workers.leads), suspended_garbage_collection():
-            runner = open_run(options, workers)
-        try:
-            with _stopping_cleanly(runner, options.checkpoint):
-                _session(runner, options)
-        finally:
-            runner.learner.release_graphs()
-        if workers.leads:
-            _export(options.checkpoint)
+    with preparing(quiet=not workers.leads), suspended_garbage_collection():
+        runner = open_run(options, workers)
+    try:
+        with _stopping_cleanly(runner, options.checkpoint):
+            _session(runner, options)
+    finally:
+        runner.learner.release_graphs()
+    if workers.leads:
+        _export(options.checkpoint)
     return options.checkpoint
 
 
