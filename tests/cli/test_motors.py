@@ -16,9 +16,7 @@ from sprintlab.robots import load_robot
 from sprintlab.workbench.datasheet_file import ENTRIES, load_datasheet
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
-SHEET, BENCH, MOTOR = (
-    EXAMPLES / name for name in ("maxon-ec-45-flat-70w.toml", "bench.csv", "bench-motor.toml")
-)
+SHEET = EXAMPLES / "maxon-ec-45-flat-70w.toml"
 TABLE = (EXAMPLES / "torque-current.csv", "--saturation-only", "--pole-pairs", 21, "--peak-current", 62.66)
 
 
@@ -51,7 +49,7 @@ def test_an_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(answer):
     assert shown["no_load_speed"] == pytest.approx(8.25 * found["no_load_speed"])
 
 
-def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
+def test_a_recorded_run_is_compared_with_every_envelope(answer, tmp_path):
     speed, torque = np.zeros((2, 12)), np.zeros((2, 12))
     speed[1, 1::3], torque[1, 1::3] = 10.0, 40.0  # the hips
     np.savez(tmp_path / "run.npz", joint_velocity=speed, joint_torque=torque)
@@ -60,20 +58,12 @@ def test_a_recorded_run_is_compared_with_every_envelope(call, answer, tmp_path):
     assert points["samples"] == 8 and set(points["beyond"].values()) == {0.0} and points["at_limit"] == 0.0
     weak = answer(*words, "--gear-efficiency", 0.25)["operating_points"]
     assert (weak["beyond"]["refined"], weak["at_limit"]) == (0.5, 0.5)
-    out = call("motor", *words).out
-    for text in ("Operating points", "d-axis voltage costs", "no-load speed", "braking", "v_d = 0"):
-        assert text in out
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
     entries = {entry["name"]: entry for entry in answer("library")}
-    assert list(entries) == list(library_motors()) and all(
-        name in call("motor", "library").out for name in entries
-    )
-    for entry in entries.values():
-        assert all(value["source"] for value in entry["values"].values())
-        assert 0 < entry["corner_speed"] < entry["no_load_speed"]
+    assert list(entries) == list(library_motors())
     assert entries["mit-humanoid-u12"]["lost"] == pytest.approx(0.186, abs=0.001)
     out = call("motor", "library", "xiaomi-cybergear").out
     assert "CyberGear micro motor user manual" in " ".join(out.split()) and "estimated" in out
@@ -83,37 +73,13 @@ def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
     assert (tmp_path / "library.png").stat().st_size > 30_000
 
 
-def test_a_data_sheet_becomes_a_motor_file_and_stands_for_it(call, answer, tmp_path):
+def test_a_data_sheet_stands_for_its_motor(call, tmp_path):
     motor = tmp_path / "maxon.toml"
-    found = answer("from-datasheet", SHEET, "--output", motor)["motor"]
-    assert found["stator_resistance"] == pytest.approx(0.573 / 2) and found["pole_pairs"] == 8
-    assert load_motor(motor).flux_linkage == found["flux_linkage"]
+    assert call("motor", "from-datasheet", SHEET, "--output", motor).status == 0
+    of_sheet, of_motor = (sl.show_motor(str(path), bus_voltage=24.0).to_dict() for path in (SHEET, motor))
+    assert of_sheet["motor"] == pytest.approx(of_motor["motor"], rel=1e-4)
     # The catalogue's 5600 rpm at 24 V are 586 rad/s, with all the voltage and friction.
-    shown = answer("envelope", motor, "--bus-voltage", 24)
-    assert shown["no_load_speed"] == pytest.approx(586 * 0.95, rel=0.02)
-    of_sheet, of_motor = (sl.show_motor(str(path), bus_voltage=24.0) for path in (SHEET, motor))
-    assert of_sheet.to_dict()["motor"] == pytest.approx(of_motor.to_dict()["motor"], rel=1e-4)
-    out = call("motor", "from-datasheet", SHEET).out
-    for text in (
-        "R_lines / 2",
-        "0.573 / 2",
-        "psi, taken from kv",
-        "note: the sheet says nothing of saturation",
-    ):
-        assert text in out
-
-
-def test_a_sheet_that_contradicts_itself_is_refused_and_settled(call, answer, tmp_path):
-    """The firmware's torque constant is 17 % below what its own flux linkage gives."""
-    sheet, settled = EXAMPLES / "mini-cheetah-firmware.toml", tmp_path / "sheet.toml"
-    refused = call("motor", "from-datasheet", sheet, "--output", tmp_path / "motor.toml")
-    assert refused.status == 2 and list(tmp_path.iterdir()) == []
-    for text in ("torque_constant", "flux_linkage", "-17.0%", "flux_from"):
-        assert text in refused.err
-    settled.write_text(sheet.read_text() + 'flux_from = "flux_linkage"\n')
-    assert answer("from-datasheet", settled)["motor"]["flux_linkage"] == 2.87e-3
-    same = ("--output", tmp_path / "a.toml", "--supply-output", tmp_path / "." / "a.toml")
-    assert "supply_output" in call("motor", "from-datasheet", SHEET, *same).err
+    assert of_motor["no_load_speed"] == pytest.approx(586 * 0.95, rel=0.02)
 
 
 def test_the_template_becomes_a_sheet(call, tmp_path):
@@ -137,31 +103,7 @@ def test_the_shipped_benches_are_what_the_script_writes(tmp_path, capsys):
         assert (tmp_path / name).read_text() == (EXAMPLES / name).read_text(), name
 
 
-def test_identify_recovers_the_motor_of_the_shipped_bench(call, answer, tmp_path):
-    files = ("--output", tmp_path / "found.toml", "--rotor-inertia", 5.5e-4, "--figure", tmp_path / "fit.png")
-    found = answer("identify", BENCH, "--pole-pairs", 21, "--peak-current", 62.66, *files)
-    assert found["trustworthy"] and found["outlier_lines"] == []
-    truth = load_motor(MOTOR)
-    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation"):
-        parameter = found["parameters"][name]
-        assert parameter["determined"]
-        assert abs(parameter["value"] - getattr(truth, name)) < 2 * parameter["half_width"], name
-    assert load_motor(tmp_path / "found.toml").peak_torque == pytest.approx(truth.peak_torque, rel=0.01)
-    assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")
-    lines = BENCH.read_text().splitlines()
-    lines[1:] = [f"{line},{'operator' if number == 0 else 7}" for number, line in enumerate(lines[1:])]
-    cells = lines[10].split(",")
-    lines[10] = ",".join([*cells[:2], "44", *cells[3:]])
-    (tmp_path / "bench.csv").write_text("\n".join(lines))
-    out = call("motor", "identify", tmp_path / "bench.csv", "--base", MOTOR).out
-    for text in ("95 % interval", "explained", "outliers in lines 11", "columns not read: operator"):
-        assert text in out
-
-
-def test_a_torque_current_table_gives_the_saturation_alone(call, answer, tmp_path):
-    saturation = answer("identify", *TABLE)["parameters"]["saturation"]
-    assert abs(saturation["value"] - 0.15) < 2 * saturation["half_width"]
-    assert "not determined: needs vq or power" in call("motor", "identify", *TABLE).out
+def test_a_fit_that_does_not_describe_its_data_has_status_1_and_writes_no_motor(call, tmp_path):
     lines = TABLE[0].read_text().splitlines()
     lines[2:] = [f"{line.split(',')[0]},{3 + (number % 3)}" for number, line in enumerate(lines[2:])]
     (tmp_path / "table.csv").write_text("\n".join(lines))

@@ -3,10 +3,7 @@
 import json
 import sys
 
-import numpy as np
 import pytest
-
-from sprintlab.motors import drive_torque
 
 LEGS = {"FR": (0.19, -0.14), "FL": (0.19, 0.14), "RR": (-0.19, -0.14), "RL": (-0.19, 0.14)}
 PEAKS = {"hip": 23.7, "thigh": 23.7, "calf": 45.43}
@@ -41,22 +38,6 @@ def stand_in():
 def example(load_script, tmp_path):
     (tmp_path / "go2.xml").write_text(stand_in())
     return load_script("examples/mujoco_go2_jump.py")
-
-
-def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
-    robot = example.load_robot("go2")
-    model = example.compiled(example.load_text(tmp_path / "go2.xml"), robot)
-    assert model.nmesh == 0 and (model.dof_damping[6:] == robot.viscous_friction[0]).all()
-    drives = example.drives(model, robot)
-    assert drives.gear.ratio.tolist() == pytest.approx([6.33, 6.33, 12.13] * 4, abs=0.01)
-    own, refined = example.jump(model), example.jump(model, example.robot_motors(robot))
-    assert 0.05 < refined.height < own.height - 0.05
-    peaks = np.tile(list(PEAKS.values()), 4)
-    np.testing.assert_allclose(own.delivered, np.clip(own.asked, -peaks, peaks), atol=1e-9)
-    law = drive_torque(drives.motor, drives.gear, refined.asked, refined.speed, robot.bus_voltage).torque
-    np.testing.assert_allclose(refined.delivered, np.clip(law, -peaks, peaks), atol=1e-9)
-    assert 0.2 < example.impossible_share(own, drives) < 1.0
-    assert example.impossible_share(refined, drives) < 1e-6
 
 
 def test_it_runs_from_the_command_line(example, tmp_path, monkeypatch, capsys):

@@ -61,16 +61,6 @@ def test_nothing_looks_into_a_tensor(name, model, surrogate, torch):
         assert result.shape == (41,)
 
 
-@pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - {"infeasible"}))
-def test_single_precision_stays_single_precision_and_close(name, surrogate, torch):
-    single = torch.tensor(SPEEDS, dtype=torch.float32), torch.tensor(TORQUES, dtype=torch.float32)
-    actual = FUNCTIONS[name](surrogate, single[1], single[0], "refined")
-    expected = FUNCTIONS[name](surrogate, TORQUES, SPEEDS, "refined")
-    for one, other in zip(expected, actual, strict=True):
-        assert other.dtype == torch.float32
-        np.testing.assert_allclose(other.numpy(), one, rtol=2e-5, atol=2e-4)
-
-
 def test_stacked_motors_give_each_joint_its_own_limits(surrogate):
     weak = dataclasses.replace(surrogate, stator_resistance=0.158, q_axis_inductance=84e-6, peak_torque=12.0)
     speeds = np.random.default_rng(0).uniform(-300, 300, (7, 2))

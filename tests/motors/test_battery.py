@@ -97,13 +97,6 @@ def test_every_battery_finds_its_voltage_whatever_the_power_does(torch, cells, r
     assert solved(battery, charge, power_at, together.numpy()).all()
 
 
-def test_nothing_looks_into_a_tensor(torch):
-    battery, tensor = Battery(), torch.zeros(5, device="meta")
-    voltage = shared_bus_voltage(battery, tensor, lambda bus: 100.0 * bus)
-    assert voltage.shape == (5,)
-    assert discharged(battery, tensor, battery_current(battery, voltage, tensor), 0.1).device.type == "meta"
-
-
 def test_charge_runs_out_with_the_current_and_stays_within_its_ends():
     battery = Battery(capacity=1.0)
     assert discharged(battery, 0.5, 1.0, 360.0) == pytest.approx(0.4)

@@ -8,29 +8,11 @@ from hypothesis import strategies as st
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
-    drive_torque,
 )
 from sprintlab.motors.chart import (
-    SATURATED,
     JointDrive,
     d_axis_cost,
-    joint_limits,
 )
-
-GEAR = Gear(ratio=6.0, efficiency=0.9)
-
-
-@pytest.fixture
-def drive(surrogate):
-    return JointDrive(motor=surrogate, gear=GEAR, bus_voltage=60.0)
-
-
-def test_the_saturated_envelope_is_what_the_drive_delivers(drive):
-    speed = np.linspace(-1.1, 1.1, 201) * drive.no_load_speed
-    lower, upper = joint_limits(drive, speed, SATURATED)
-    for wanted, limit in ((1e4, upper), (-1e4, lower)):
-        delivered = drive_torque(drive.motor, GEAR, wanted, speed, 60.0).torque
-        assert limit == pytest.approx(delivered)
 
 
 @given(motor=st.from_type(PmsmParameters), share=st.floats(0.05, 0.95))

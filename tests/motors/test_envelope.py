@@ -67,16 +67,6 @@ def test_negative_speed_mirrors_positive_speed(motor, share, bus, model):
     assert -motor.peak_torque <= lower <= upper <= motor.peak_torque
 
 
-@given(MOTORS, SPEED_SHARES, BUSES)
-def test_refined_without_inductance_is_the_simplified_model(motor, share, bus):
-    speed = share * no_load_speed(motor, bus)
-    without = dataclasses.replace(motor, q_axis_inductance=0.0)
-    refined, simplified = (torque_limits(without, speed, bus, m) for m in ("refined", "simplified-dc"))
-    assert refined == simplified
-    torque = 0.5 * motor.peak_torque
-    assert critical_speed(without, torque, bus) == critical_speed(motor, torque, bus, "simplified-dc")
-
-
 @given(MOTORS, BUSES)
 def test_critical_speed_is_the_papers_closed_form(motor, bus):
     resistance, inductance, flux = motor.stator_resistance, motor.q_axis_inductance, motor.flux_linkage
@@ -112,13 +102,6 @@ def test_envelope_without_inductance_is_mujocos_dc_motor_at_full_voltage(motor, 
         mujoco.mj_forward(model, data)
         expected = np.clip(data.actuator_force[0], -motor.peak_torque, motor.peak_torque)
         assert bound == pytest.approx(expected, rel=1e-9, abs=1e-9 * motor.peak_torque)
-
-
-@pytest.mark.parametrize("call", [torque_limits, lambda m, s, b, model: critical_speed(m, 1.0, b, model)])
-def test_unknown_model_is_refused(surrogate, call):
-    assert critical_speed(surrogate, 15.0, 60.0, "square") == math.inf
-    with pytest.raises(InvalidValueError, match=r"model = 'linear' .* choose one of refined, simplified-dc"):
-        call(surrogate, 1.0, 60.0, "linear")
 
 
 def test_impossible_bus_voltages_are_refused(surrogate):

@@ -77,9 +77,3 @@ def test_a_limit_that_does_not_fit_the_motor_is_refused(surrogate):
     limit = I2tLimit(continuous_current=1.01 * peak_current(surrogate), time_constant=1.0)
     with pytest.raises(InvalidValueError, match="must lie below the peak current of 78"):
         i2t_time_constant(limit, surrogate)
-    several = I2tLimit(continuous_current=np.array([5.0, 6.0, 7.0]), time_constant=np.array([1.0, 2.0]))
-    with pytest.raises(InvalidValueError, match="one for each motor"):
-        i2t_time_constant(several, surrogate)
-    fits = I2tLimit(continuous_current=5.0, time_constant=1.0)
-    with pytest.raises(InvalidValueError, match="duration"):
-        i2t_decay(fits, surrogate, 0.0)

@@ -156,15 +156,7 @@ def test_a_urdf_is_read_with_its_base_and_its_feet(urdf, tmp_path):
     [
         ((('<body name="RL_thigh"', '<body name="RL_thigh" euler="0 0 0.3"'),), "RL_thigh_joint turns about"),
         ((('axis="1 0 0"', 'axis="0 0 1"'),), r"FL_hip_joint turns about \(0.00, 0.00, 1.00\)"),
-        (((' range="-0.686 4.501"', ""),), "FL_thigh_joint has no limits"),
-        ((('mass="0.195862"', 'mass="0.295862"'),), "its legs differ by"),
-        ((('type="sphere" size="0.023"', 'type="box" size="0.02 0.02 0.02"'),), "no sphere for a foot"),
-        ((('<joint name="FL_calf_joint"', '<joint name="extra" axis="0 0 1"/><joint name="FL_calf_joint"'),),
-         "FL_calf must hang on exactly one hinge"),
         ((('<freejoint name="root"/>', '<joint name="lift" type="slide" axis="0 0 1"/>'),), "no body floats"),
-        ((("<worldbody>", "<worldbody"),), "cannot be used"),
-        ((("<mujoco", '<!DOCTYPE m [<!ENTITY a "aaaa">]><mujoco'),), "entities"),
-        (((' pos="0 0 -0.213"', ' pos="0 0 inf"'),), "not finite"),
     ],
 )  # fmt: skip
 def test_other_models_are_refused(edited, tmp_path, changes, message):

@@ -6,8 +6,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import drive_torque
-from sprintlab.motors.parameters import MOTOR_UNITS
-from sprintlab.robots import Link, ModelOptions, build_model, load_robot, table
+from sprintlab.robots import Link, ModelOptions, build_model, load_robot
 
 PLANT = ModelOptions(collisions="full", contact_time_constant=0.002)
 
@@ -49,22 +48,6 @@ def run_standing(robot, model, seconds):
     return data, lowest
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ModelOptions(),
-        PLANT,
-        ModelOptions(visuals=True, collisions="full"),
-        ModelOptions(knee_spring=False, dry_friction=False, joint_limits=False, integrator="euler"),
-    ],
-    ids=["feet", "full", "visuals", "bare"],
-)
-def test_the_mass_is_exactly_36_5_kg(bp2, options):
-    model = build_model(bp2, options)
-    assert model.body_mass.sum() == pytest.approx(36.5, abs=1e-9)
-    assert bp2.total_mass == 36.5
-
-
 def test_joint_properties_come_from_the_description(bp2, plant):
     _, dof = joint_addresses(plant, bp2.joint_names)
     np.testing.assert_allclose(plant.dof_armature[dof], bp2.armature)
@@ -99,18 +82,6 @@ def test_the_robot_is_its_own_mirror_image(bp2, plant):
     np.testing.assert_allclose(one[0], flip * other[1], atol=1e-12)
     np.testing.assert_allclose(one[1], flip * other[0], atol=1e-12)
     np.testing.assert_allclose(one[2], flip * other[2], atol=1e-12)
-
-
-def test_shank_and_foot_are_one_body_with_their_common_inertia(bp2, plant):
-    shank, foot_mass = bp2.mechanics.shank, bp2.mechanics.foot_mass
-    about_knee = shank.inertia[1] + shank.mass * shank.center_of_mass[2] ** 2
-    about_knee += foot_mass * (0.32**2 + 0.4 * 0.03**2)
-    body = plant.body("FL_shank")
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, body.iquat)
-    rotation = rotation.reshape(3, 3)
-    inertia = rotation @ np.diag(body.inertia) @ rotation.T
-    assert inertia[1, 1] + body.mass[0] * body.ipos[2] ** 2 == pytest.approx(about_knee, rel=1e-9)
 
 
 def test_one_leg_never_meets_itself_or_the_trunk(bp2, plant):
@@ -176,27 +147,12 @@ def test_the_knee_springs_give_way_under_the_robot(bp2, plant):
     np.testing.assert_allclose(np.abs(800.0 * data.qpos[spring]), np.abs(torque), atol=1.5)
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"timestep": 0.1}, "timestep"),
-        ({"collisions": "all"}, "choose one of feet, full"),
-        ({"timestep": 0.004, "contact_time_constant": 0.005}, "at least two time steps, 0.008 s"),
-    ],
-)
-def test_bad_options_are_refused(fields, message):
-    with pytest.raises(InvalidValueError, match=message):
-        ModelOptions(**fields)
+def test_a_contact_stiffer_than_its_steps_is_refused():
+    with pytest.raises(InvalidValueError, match="at least two time steps"):
+        ModelOptions(timestep=0.004, contact_time_constant=0.005)
 
 
 def test_a_description_that_does_not_compile_is_one_clear_error(bp2):
     weightless = replace(bp2.mechanics, knee_carrier=Link(mass=1e-20, inertia=(1e-20,) * 3))
     with pytest.raises(RobotModelError, match=r"robot 'bp2' does not compile: .*mass and inertia"):
         build_model(replace(bp2, mechanics=weightless), ModelOptions(knee_spring=True))
-
-
-def test_every_number_of_a_table_has_a_unit_and_bounds_by_its_name():
-    names = {quantity.rpartition(".")[2] for quantity in table.QUANTITIES}
-    assert names == set(table.KINDS) and all(kind.unit for kind in table.KINDS.values())
-    for name, kind in table.KINDS.items():
-        assert max(abs(kind.low), kind.high) <= 1e6 or name in (*MOTOR_UNITS, "gear_ratio", "gear_efficiency")

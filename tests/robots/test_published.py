@@ -1,30 +1,18 @@
 """The robots whose models somebody else published: what their tables say against what is published."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 
-from sprintlab import robots
 from sprintlab.motors import drive_torque
 from sprintlab.robots import ModelOptions, build_model, load_robot, parameter_table
 
-published = pytest.mark.parametrize("name", ["go1", "go2"])
 
-
-@published
+@pytest.mark.parametrize("name", ["bp2", "go1", "go2"])
 def test_every_number_says_where_it_comes_from(name):
     rows = parameter_table(name)
     assert all(row.unit and row.uncertainty and row.basis for row in rows)
     assert not any("choices" in row.basis or "import" in row.basis for row in rows)
-
-
-@published
-def test_the_license_of_the_model_is_there(name):
-    text = (Path(robots.__file__).parent / name / "LICENSE").read_text(encoding="utf-8")
-    assert "BSD 3-Clause License" in text
-    assert "Unitree Robotics" in text
 
 
 GO2 = load_robot("go2")
@@ -75,12 +63,6 @@ def test_the_published_curve_of_the_motor_is_met():
     np.testing.assert_array_less(go2_torque(CORNER + 2.0), 0.95 * DRIVING * REDUCTION)
     np.testing.assert_allclose(go2_torque(-6.0), BRAKING * REDUCTION, rtol=0.005)
     assert np.abs(go2_torque(NO_LOAD)).max() < 0.02 * DRIVING
-
-
-def test_what_is_unpublished_says_so():
-    rows = {row.quantity: row for row in parameter_table("go2")}
-    for quantity in ("pole_pairs", "q_axis_inductance", "saturation"):
-        assert rows[f"motor.hip.{quantity}"].basis.startswith("unknown")
 
 
 @pytest.mark.parametrize(("joint", "torque", "speed"), [(0, 23.7, 30.1), (1, 23.7, 30.1), (2, 35.55, 20.06)])

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.robots import SoftStop, load_robot, soft_stop_torque
+from sprintlab.robots import SoftStop, soft_stop_torque
 
 STOP = SoftStop(zone=0.1, stiffness=500.0, damping=5.0)
 LIMITS = np.array([[-1.0, 2.0]])
@@ -20,15 +20,3 @@ def test_a_stop_never_pulls_and_both_stops_mirror_each_other(position, velocity)
         assert value == pytest.approx(-max(500.0 * depth + 5.0 * velocity, 0.0) if depth > 0.0 else 0.0)
     assert value >= 0.0 if position < 0.5 else value <= 0.0
     assert torque(1.0 - position, -velocity) == pytest.approx(-value, abs=1e-9)
-
-
-def test_numpy_and_pytorch_agree():
-    torch = pytest.importorskip("torch")
-    robot = load_robot("bp2")
-    random = np.random.default_rng(0)
-    position = random.uniform(-3.0, 3.0, (64, 12))
-    velocity = random.normal(0.0, 20.0, (64, 12))
-    expected = soft_stop_torque(position, velocity, robot.position_limits, robot.soft_stop)
-    tensors = [torch.tensor(array) for array in (position, velocity, robot.position_limits)]
-    np.testing.assert_allclose(soft_stop_torque(*tensors, robot.soft_stop).numpy(), expected, rtol=1e-12)
-    assert np.count_nonzero(expected) > 100

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tests.motors.workbench.benches import bench, said
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.workbench.identification import identify
 
 PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
@@ -81,8 +80,6 @@ def test_a_sound_bench_needs_none_of_it():
         torque = shaft(current, speed) + random.normal(0.0, 0.03, len(current))
         told += said(fitted(bench(current, torque, speed)), "--also")
     assert told == 0
-    with pytest.raises(InvalidValueError, match="also"):
-        fitted(bench(current, torque, speed), also=("cogging",))
 
 
 def test_a_flux_that_drifts_as_no_magnet_does_is_told():

@@ -152,21 +152,13 @@ def test_flux_and_resistance_are_referred_to_twenty_degrees(fit, motor, coeffici
 
 MISTAKES = {
     "rpm as rad/s": ({"speed": 60.0 / (2.0 * math.pi)}, "speed is in rpm"),
-    "rad/s as rpm": ({"speed": 2.0 * math.pi / 60.0}, "header says rpm"),
     "mA as A": ({"iq": 1e3}, "current is in mA"),
-    "mN m as N m": ({"torque": 1e3}, "torque is in mN m"),
-    "mV as V": ({"vq": 1e3, "vd": 1e3}, "voltages are in mV"),
     "rms currents": ({"iq": math.sqrt(0.5)}, "rms"),
     "line-to-line voltages": ({"vq": math.sqrt(3.0), "vd": math.sqrt(3.0)}, "line-to-line"),
     "electrical speed": ({"speed": 21.0}, "speed is electrical"),
-    "revolutions per second": ({"speed": 0.5 / math.pi}, "revolutions per second"),
-    "degrees per second": ({"speed": 180.0 / math.pi}, "degrees per second"),
-    "N cm as N m": ({"torque": 100.0}, "torque is in N cm"),
-    "kgf cm as N m": ({"torque": 10.197}, "torque is in kgf cm"),
     "reversed d-axis": ({"vd": -1.0}, "v_d rises"),
     "bus in mV": ({"bus_voltage": 1e3}, "check the unit of bus_voltage"),
     "reversed torque": ({"torque": -1.0}, "opposite signs"),
-    "reversed voltage": ({"vq": -1.0}, "opposite signs"),
 }
 
 
@@ -223,8 +215,6 @@ def test_torque_and_speed_behind_a_gear_are_referred_to_the_motor(tmp_path, moto
     for found, speed in ((behind_gear(bench, 9.0), 9.0), (behind_gear(bench, 9.0, motor_speed=True), 1.0)):
         np.testing.assert_allclose(found.torque, bench.torque / 9.0)
         np.testing.assert_allclose(found.speed, bench.speed * speed)
-    with pytest.raises(InvalidValueError, match="gear_ratio"):
-        behind_gear(bench, 0.0)
 
 
 def test_columns_of_other_names_are_mapped(tmp_path):
@@ -234,14 +224,8 @@ def test_columns_of_other_names_are_mapped(tmp_path):
     bench = load_bench(path, columns=columns)
     assert bench.speed == pytest.approx([2.0 * math.pi])
     assert bench.current == pytest.approx([0.002]) and bench.torque == pytest.approx([0.03])
-    for entry, words in {
-        "iq=none:A": "the header has time",
-        "iq": "name=heading",
-        "amps=load cell:A": "column",
-        "torque=load cell": "write the unit",
-    }.items():
-        with pytest.raises(InvalidValueError, match=words):
-            load_bench(path, columns=(*columns[:1], entry))
+    with pytest.raises(InvalidValueError, match="the header has time"):
+        load_bench(path, columns=(*columns[:1], "iq=none:A"))
 
 
 def test_holding_what_is_known_helps(fit, motor):
@@ -252,22 +236,13 @@ def test_holding_what_is_known_helps(fit, motor):
     assert held.estimates["coulomb_friction"].value == 0.0
     name = "voltage_utilization"
     assert held.estimates[name].half_width < free.estimates[name].half_width
-    with pytest.raises(SprintlabError, match="base motor"):
-        fit(columns, motor, hold=("q_axis_inductance",))
-    with pytest.raises(InvalidValueError, match="hold"):
-        fit(columns, motor, hold=("friction",))
 
 
-def test_too_few_rows_speeds_and_currents(fit, motor):
+def test_too_few_speeds_are_refused(fit, motor):
     columns = bench_columns(motor)
-    with pytest.raises(SprintlabError, match="5 rows"):
-        fit({name: values[:5] for name, values in columns.items()}, motor)
     slow = columns["speed"] < np.unique(columns["speed"])[2]
     with pytest.raises(SprintlabError, match="2 different speeds"):
         fit({name: values[slow] for name, values in columns.items()}, motor)
-    columns["iq"] = np.full(len(columns["iq"]), 3.0)
-    with pytest.raises(SprintlabError, match="1 different current "):
-        fit(columns, motor)
 
 
 def test_a_base_motor_fills_in_what_the_bench_does_not_show(fit, motor):
@@ -289,12 +264,8 @@ def test_a_base_motor_fills_in_what_the_bench_does_not_show(fit, motor):
     [
         ("", "is empty"),
         ("iq [A],torque [N m]\n1,2\n", r"speed is missing .*'speed \[rad/s\]'.*--column \"speed=HEADING:"),
-        ("speed [rad/s],iq [A],torque [N m]\n", "no data"),
         ("speed,iq [A],torque [N m]\n1,2,3\n", r"write the unit in the header: 'speed \[rad/s\]' or"),
-        ("speed [rad/s],iq [A],torque [N m]\n1,2,3\n1,,3\n", "line 3, column iq"),
         ("# remark\nspeed [rad/s],iq [A],torque [N m]\n1,2\n", "line 3, column torque"),
-        ("speed [rad/s],speed [rpm],iq [A],torque [N m]\n1,2,3,4\n", "given twice"),
-        ("speed [rad/s],iq [A],torque [N m],limited\n1,2,3,0.5\n", "must be 0 or 1"),
     ],
 )
 def test_files_that_are_no_bench(tmp_path, text, words):
@@ -329,13 +300,12 @@ def test_rows_marked_as_limited_must_reach_the_limit(fit, motor):
         fit(columns, motor)
 
 
-@pytest.mark.parametrize("make", [bench_columns, uneven_bench])
-def test_intervals_hold_the_truth_as_often_as_they_promise(fit, make):
+def test_intervals_hold_the_truth_as_often_as_they_promise(fit):
     """40 motors: 95 % of the intervals contain it; from one noise for all rows, 60 % of L's would."""
     inside = {name: 0 for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")}
     for seed in range(40):
         motor = drawn_motor(seed)
-        found = fit(make(motor, seed), motor)
+        found = fit(uneven_bench(motor, seed), motor)
         assert found.trustworthy and not any("follow" in warning for warning in found.warnings)
         for name in inside:
             estimate = found.estimates[name]

@@ -1,16 +1,13 @@
 """Raw logs of a drive: steady windows, what is left out, and the inertia that only transients show."""
 
-import csv
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.motors.workbench.benches import bench as rows
 
-from sprintlab.cli.main import main
-from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.workbench.identification import identify, is_log, load_bench, rested
+from sprintlab.core.errors import SprintlabError
+from sprintlab.workbench.identification import identify, is_log, rested
 
 PAIRS, FLUX, SATURATION, PEAK = 7, 0.011, 0.16, 20.0
 CONSTANT = 1.5 * PAIRS * FLUX
@@ -49,14 +46,6 @@ def fitted(data, **options):
     return identify(data, pole_pairs=PAIRS, peak_current=PEAK, **options)
 
 
-def written(path, time, current, speed, torque):
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(["time [ms]", "iq [A]", "speed [rad/s]", "torque [N m]"])
-        rows.writerows(np.round(np.stack((time, current, speed, torque), axis=-1), 6).tolist())
-    return path
-
-
 def test_steady_windows_tell_the_motor_and_all_rows_do_not():
     data = bench(*log(1))
     found = fitted(rested(data))
@@ -92,20 +81,3 @@ def test_what_no_window_can_use_is_refused_in_a_sentence():
     backwards[77] = 0.0
     with pytest.raises(SprintlabError, match="backwards in line 79"):
         rested(bench(backwards, current, speed, torque))
-    with pytest.raises(InvalidValueError, match="window"):
-        rested(bench(time, current, speed, torque), 0.0)
-
-
-def test_the_command_reads_a_log(tmp_path, capsys):
-    time, current, speed, torque = log(9)
-    path = written(tmp_path / "log.csv", 1e3 * time, current, speed, torque)
-    assert is_log(load_bench(path))
-    command = ["motor", "identify", str(path), "--pole-pairs", "7", "--peak-current", "20"]
-    assert main([*command, "--json"]) == 0
-    numbers = json.loads(capsys.readouterr().out)
-    assert abs(numbers["torque_constant"] / CONSTANT - 1.0) < 0.01
-    assert "windows of 0.1 s rest" in numbers["warnings"][0]
-    assert main([*command, "--also", "rotor_inertia", "--window", "0.05", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["parameters"]["rotor_inertia"]["unit"] == "kg m^2"
-    assert main([*command, "--window", "100"]) == 2
-    assert "window" in capsys.readouterr().err
