@@ -291,21 +291,6 @@ def test_a_reset_draws_only_for_the_environments_reset(command_term):
     assert not term._reset_mask.any()
 
 
-def test_the_range_grows_while_the_fastest_are_near_its_top(command_term, robot_data):
-    term = command_term(upper=1.0, top=2.0, growth=0.25)
-    for _ in range(200):
-        term.compute(dt=0.02)
-    assert term.upper == 1.0  # standing robots
-    robot_data.root_link_lin_vel_b[:, 0] = 1.5
-    for _ in range(26):
-        term.compute(dt=0.02)
-    assert term.upper == 1.25
-    for _ in range(1000):
-        term.compute(dt=0.02)
-    assert term.upper == 2.0
-    assert command_term(upper=1.0, top=2.0).cfg.growth == 0.0
-
-
 @pytest.mark.slow
 def test_the_example_trains_mjlabs_go1(tmp_path, monkeypatch):
     spec = importlib.util.spec_from_file_location("mjlab_go1_refined_motor", EXAMPLE)

@@ -92,15 +92,6 @@ def test_motors_are_found_by_joint_name(stage):
             clamping.resolve_arguments(wrong)
 
 
-def test_a_bus_voltage_can_be_changed_in_place(stage):
-    actuator, (_, given) = cheetah(stage)
-    clamping = built(stage, [given])
-    peak = float(actuator.motor.peak_torque * actuator.gear.ratio)
-    before = clamped(clamping, [peak], [25.0])[0]
-    clamping.bus_voltage.fill_(18.0)
-    assert clamped(clamping, [peak], [25.0])[0] < before - 0.05 * peak
-
-
 def test_newtons_own_actuator_runs_it(stage):
     """A model built, finalized and stepped by Newton itself: PD drive, then this stage."""
     newton = pytest.importorskip("newton", reason="needs Newton 1.8")

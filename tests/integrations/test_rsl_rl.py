@@ -43,17 +43,6 @@ def environment() -> Any:
     return RslRlEnvironment(SprintEnvironment(settings, "cpu", fused=False))
 
 
-def test_what_is_handed_out_stays_as_it_is(environment: Any) -> None:
-    first = environment.get_observations()
-    kept = first.clone()
-    second, reward, done, extras = environment.step(torch.zeros(ROBOTS, 12))
-    handed = [value.clone() for value in (second["actor"], reward, done, extras["time_outs"])]
-    environment.step(torch.ones(ROBOTS, 12))
-    assert torch.equal(first["actor"], kept["actor"]) and not torch.equal(first["actor"], second["actor"])
-    for mine, theirs in zip((second["actor"], reward, done, extras["time_outs"]), handed, strict=True):
-        assert torch.equal(mine, theirs)
-
-
 def test_their_runner_trains_an_iteration(environment: Any, monkeypatch) -> None:
     from rsl_rl.runners import OnPolicyRunner
 

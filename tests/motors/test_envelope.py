@@ -48,17 +48,6 @@ def test_over_speed_leaves_no_drive_and_the_least_violating_brake(motor, share, 
     assert phase_voltage(motor, lower, speed) <= phase_voltage(motor, torques, speed).min() * (1 + 1e-12)
 
 
-def test_over_speed_continues_the_interval_without_a_jump(surrogate):
-    """Up to where no current fits and beyond: the forced brake never jumps, and never drives."""
-    speed = np.linspace(0.9, 2.5, 400_001) * float(no_load_speed(surrogate, 60.0))
-    lower, upper = torque_limits(surrogate, speed, 60.0)
-    assert voltage_infeasible(surrogate, speed[-1], 60.0)
-    assert not voltage_infeasible(surrogate, speed[0], 60.0)
-    assert np.abs(np.diff(upper)).max() < 0.05
-    assert np.abs(np.diff(lower)).max() < 0.05
-    assert (upper[speed > float(no_load_speed(surrogate, 60.0)) * (1 + 1e-9)] < 0.0).all()
-
-
 @given(MOTORS, SPEED_SHARES, BUSES, st.sampled_from(MOTOR_MODELS))
 def test_negative_speed_mirrors_positive_speed(motor, share, bus, model):
     speed = share * no_load_speed(motor, bus)

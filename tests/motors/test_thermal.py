@@ -15,7 +15,6 @@ from sprintlab.motors import (
     heated_motor,
     no_load_speed,
     resistance_factor,
-    warmed,
     warmed_with_housing,
 )
 
@@ -57,14 +56,3 @@ def test_a_hot_motor_keeps_its_current_and_turns_faster(motor, temperature):
     assert faster == pytest.approx(1.0 / float(flux_factor(heat, temperature)))
     more_heat = copper_loss(hot, hot.peak_torque) / copper_loss(motor, motor.peak_torque)
     assert more_heat == pytest.approx(float(resistance_factor(heat, temperature)))
-
-
-def test_one_motor_an_element_in_numpy_and_torch(surrogate, torch):
-    heat = WindingHeat(heat_capacity=np.linspace(50, 500, 12))
-    temperature, loss = np.linspace(20, 150, 12), np.linspace(0, 900, 12)
-    expected = warmed(heat, temperature, loss, 1.0)
-    actual = warmed(heat, torch.as_tensor(temperature), torch.as_tensor(loss), 1.0)
-    np.testing.assert_allclose(actual.numpy(), expected)
-    motors = heated_motor(surrogate, heat, torch.as_tensor(temperature))
-    assert isinstance(motors.stator_resistance, torch.Tensor)
-    assert warmed(heat, torch.zeros(12, device="meta"), 1.0, 1.0).device.type == "meta"

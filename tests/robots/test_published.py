@@ -48,15 +48,6 @@ def test_the_feet_are_where_the_published_model_has_them():
         np.testing.assert_allclose(data.geom(f"{leg}_foot").xpos, [0.1934 * x, 0.142 * y, -0.426], atol=1e-9)
 
 
-def test_the_links_have_the_published_inertia():
-    """As in the URDF; its calf and foot, with the rotor, are one body in the Menagerie."""
-    mechanics = GO2.mechanics
-    trunk = [[0.02448, 0.00012166, 0.0014849], [0.00012166, 0.098077, -3.12e-5], [0.0014849, -3.12e-5, 0.107]]
-    np.testing.assert_allclose(mechanics.trunk.inertia_matrix(), trunk, atol=2e-7)
-    thigh = [[0.00584, 8.72e-5, -0.000289], [8.72e-5, 0.0058, 0.000808], [-0.000289, 0.000808, 0.00103]]
-    np.testing.assert_allclose(mechanics.thigh.inertia_matrix(), thigh, atol=1e-8)
-
-
 def test_the_published_curve_of_the_motor_is_met():
     np.testing.assert_allclose(go2_torque(6.0), DRIVING * REDUCTION, rtol=0.005)
     np.testing.assert_allclose(go2_torque(CORNER - 0.2), DRIVING * REDUCTION, rtol=0.005)
