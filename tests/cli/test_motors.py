@@ -6,7 +6,6 @@ import runpy
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import sprintlab as sl
@@ -47,18 +46,6 @@ def test_an_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(answer):
     assert half["lost"] == pytest.approx(0.0, abs=1e-12) and all(0.1 < each["lost"] < 0.5 for each in faster)
     shown = answer("show", "bp2", "hip")
     assert shown["no_load_speed"] == pytest.approx(8.25 * found["no_load_speed"])
-
-
-def test_a_recorded_run_is_compared_with_every_envelope(answer, tmp_path):
-    speed, torque = np.zeros((2, 12)), np.zeros((2, 12))
-    speed[1, 1::3], torque[1, 1::3] = 10.0, 40.0  # the hips
-    np.savez(tmp_path / "run.npz", joint_velocity=speed, joint_torque=torque)
-    words, picture = ("envelope", "bp2", "hip", "--trajectory", tmp_path / "run.npz"), tmp_path / "a.png"
-    points = answer(*words, "--figure", picture)["operating_points"]
-    assert points["samples"] == 8 and set(points["beyond"].values()) == {0.0} and points["at_limit"] == 0.0
-    weak = answer(*words, "--gear-efficiency", 0.25)["operating_points"]
-    assert (weak["beyond"]["refined"], weak["at_limit"]) == (0.5, 0.5)
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):

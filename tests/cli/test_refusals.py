@@ -72,7 +72,6 @@ REFUSED = (
     ("limit nodog", "robot 'nodog' is unknown"),
     ("motor envelope bp2 ankle", "knee"),
     ("motor envelope spot", "mit-mini-cheetah"),
-    ("motor envelope --trajectory half.toml", "no recorded trajectory"),
     ("motor show motor.toml", "bus_voltage is not given"),
     ("motor library --save x.toml", "name the actuator"),
     ("motor from-datasheet", "--template"),

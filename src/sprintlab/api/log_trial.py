@@ -17,8 +17,8 @@ from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle, wrap
 from sprintlab.core.array_types import FloatArray
 from sprintlab.deployment.log import LogError, RunRecord
 from sprintlab.evaluation.audit import audit_trials
-from sprintlab.evaluation.figures import on_envelope
-from sprintlab.evaluation.metrics import trial_metrics
+from sprintlab.evaluation.figures import ON_LIMIT_MARGIN
+from sprintlab.evaluation.metrics import envelope_share, trial_metrics
 from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.run_report import TrackRun
 from sprintlab.motors import desaturate, shaft_torque, torque_limits
@@ -174,6 +174,7 @@ def _trial(
     trajectory: Trajectory, robot: RobotDescription, hold: tuple[float, float], completed: bool
 ) -> TrialResult:
     nan = float("nan")
+    margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
     metrics = replace(
         trial_metrics(trajectory, robot, hold),
         pad_deflection=nan,
@@ -183,11 +184,8 @@ def _trial(
         duty_factor=(nan,) * len(robot.leg_names),
         mean_duty=nan,
         load_share=(nan,) * len(robot.leg_names),
+        envelope_share=tuple(envelope_share(trajectory, margin).tolist()),
     )
-    active = np.abs(trajectory.command[:, 0]) > 1e-9
-    if active.any():
-        share = on_envelope(trajectory, robot)[active].mean(axis=0)
-        metrics = replace(metrics, envelope_share=tuple(share.tolist()))
     return TrialResult(
         settings=TrialSettings(),
         top_speed=float(trajectory.command[:, 0].max()),

@@ -14,13 +14,12 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from sprintlab import motors
-from sprintlab.api.results import Drawn, Result, cell, drawn, kept, quantities, records, table
+from sprintlab.api.results import Drawn, Result, cell, drawn, kept, records, table
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
 from sprintlab.core.reading import read_toml
-from sprintlab.evaluation.operating_points import load_operating_points
 from sprintlab.motors import Gear, LibraryMotor, PmsmParameters, chart, library_motors, load_library_motor
 from sprintlab.motors.chart import JointDrive
 from sprintlab.motors.parameters import MOTOR_UNITS
@@ -33,11 +32,10 @@ SHORT_NAMES = {"simplified-dc": "v_d = 0", "refined + saturation": "refined + sa
 
 
 class ChosenMotor(NamedTuple):
-    """A motor with its gear and bus voltage, as plain numbers; ``joints``: its columns in a trajectory."""
+    """A motor with its gear and bus voltage, as plain numbers."""
 
     drive: JointDrive
     title: str
-    joints: tuple[int, ...]
 
 
 def chosen_motor(
@@ -52,7 +50,6 @@ def chosen_motor(
     Raises:
         SprintlabError: no such robot, joint or file, or a bad voltage or gear.
     """
-    joints: Sequence[int] = ()
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
@@ -79,7 +76,7 @@ def chosen_motor(
     gear = replace(gear, **{name: value for name, value in given.items() if value is not None})
     drive = JointDrive(motor=motor, gear=gear, bus_voltage=bus_voltage or own)
     title = f"{name} at {drive.bus_voltage:g} V" + (f", gear {gear.ratio:g}" if gear.ratio != 1.0 else "")
-    return ChosenMotor(drive, title, tuple(joints))
+    return ChosenMotor(drive, title)
 
 
 def file_motor(source: str) -> tuple[PmsmParameters, Gear]:
@@ -114,7 +111,7 @@ def show_motor(
         gear_ratio: motor speed over joint speed.
         gear_efficiency: efficiency of the gear.
     """
-    drive, title, _ = found = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency)
+    drive, title = found = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency)
     motor = {item.name: float(getattr(drive.motor, item.name)) for item in fields(drive.motor)}
     speeds = {
         "no_load_speed": drive.no_load_speed,
@@ -147,7 +144,6 @@ def envelope(
     bus_voltage: float | None = None,
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
-    trajectory: Path | None = None,
     points: int = 13,
 ) -> Drawn:
     """Print and draw the torque-speed envelope of a joint under every motor model, all four quadrants.
@@ -155,19 +151,12 @@ def envelope(
     Example: sprintlab motor envelope bp2 hip --figure envelope.png
 
     Args:
-        trajectory: trajectory.npz of a race, drawn over the envelope and compared with it.
         points: speeds in the table, from standstill to the no-load speed.
     """
     check_range("points", points, 2, 10_000)
-    chosen, operated = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency), None
-    if trajectory is not None:
-        names = load_robot("bp2").joint_names  # whose joints a motor alone is compared with
-        columns = chosen.joints or tuple(place for place, name in enumerate(names) if name.endswith(joint))
-        operated = load_operating_points(trajectory, columns)
+    chosen = chosen_motor(source, joint, bus_voltage, gear_ratio, gear_efficiency)
     numbers = _envelope_numbers(chosen.drive, points)
-    if operated is not None:
-        numbers["operating_points"] = operated.summary(chosen.drive)
-    draw = drawn("evaluation.motor_figures.workbench_figure", chosen.drive, chosen.title, operated)
+    draw = drawn("evaluation.motor_figures.workbench_figure", chosen.drive, chosen.title)
     return Drawn(numbers=numbers, shown=list(_envelope_shown(chosen.title, numbers)), found=chosen, draw=draw)
 
 
@@ -194,7 +183,7 @@ def _envelope_numbers(drive: JointDrive, points: int) -> dict[str, Any]:
 
 
 def _envelope_shown(title: str, numbers: dict[str, Any]) -> Iterator[RenderableType]:
-    """Limits by speed, the models' ends and powers, the cost of the d-axis, the recorded run."""
+    """Limits by speed, the models' ends and powers, the cost of the d-axis."""
     names = {name: SHORT_NAMES.get(name, name) for name in chart.envelope_names()}
     limits = [
         {"speed": row["speed"]}
@@ -212,8 +201,6 @@ def _envelope_shown(title: str, numbers: dict[str, Any]) -> Iterator[RenderableT
     yield records("\nSpeeds and greatest power", models)
     yield f"no-load speed {cell(numbers['no_load_speed'])}"
     yield records("\nWhat the d-axis voltage costs, at shares of the no-load speed", numbers["d_axis_cost"])
-    if points := numbers.get("operating_points"):
-        yield quantities("\nOperating points of the trajectory: shares of the samples", points)
     yield "\nspeed in rad/s, torque in N m, power in W, all on the joint's side of the gear"
 
 

@@ -18,7 +18,7 @@ from sprintlab.core.array_types import Array
 from sprintlab.core.errors import SimulationError
 from sprintlab.core.theme import LIGHT, Theme, figure_legend, legend_above, set_title, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
-from sprintlab.evaluation.metrics import copper_losses, cost_so_far, joint_power, moving, stances
+from sprintlab.evaluation.metrics import copper_losses, cost_so_far, joint_power, on_envelope, stances
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
@@ -99,7 +99,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
     figure, axes = themed_figure(theme, (11.0, 0.8 + 2.4 * rows), rows, columns, sharex="row", sharey="row")
     speed = trajectory.joint_velocity * np.asarray(robot.gear.ratio)
     curves = _envelope_curves(robot, speed)
-    limited = on_envelope(trajectory, robot)
+    limited = on_envelope(trajectory, ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque))
     for axis in axes[len(robot.joint_names) :]:
         axis.set_visible(False)
     for joint, name in enumerate(robot.joint_names):
@@ -177,14 +177,6 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     for axis in (over_time, by_joint):
         legend_above(axis, theme)
     return figure
-
-
-def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
-    """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, joints)`` bool."""
-    margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
-    torque = trajectory.motor_torque
-    touched = (torque >= trajectory.torque_upper - margin) | (torque <= trajectory.torque_lower + margin)
-    return touched & moving(trajectory)[:, None]
 
 
 # --- drawing ---------------------------------------------------------------------------------------------

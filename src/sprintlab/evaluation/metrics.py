@@ -209,17 +209,22 @@ def moving(trajectory: Trajectory) -> NDArray[np.bool_]:
     return np.abs(trajectory.command[:, 0]) > 1e-9
 
 
-def envelope_share(trajectory: Trajectory) -> FloatArray:
-    """Share of the time asked to move ``(joints,)`` at which the clipped torque sits on a limit.
+def on_envelope(trajectory: Trajectory, margin: FloatArray | float = 0.0) -> NDArray[np.bool_]:
+    """Where a motor's torque sits on a limit while the robot is asked to move: ``(T, joints)``.
 
-    The clip returns the limit itself, so the comparison is exact.
+    The simulated clip returns the limit itself and needs no ``margin`` [N m].
     """
+    torque = trajectory.motor_torque
+    touched = (torque >= trajectory.torque_upper - margin) | (torque <= trajectory.torque_lower + margin)
+    return touched & moving(trajectory)[:, None]
+
+
+def envelope_share(trajectory: Trajectory, margin: FloatArray | float = 0.0) -> FloatArray:
+    """Share of the time asked to move ``(joints,)`` at which the torque sits on a limit."""
     active = moving(trajectory)
     if not active.any():
         return np.zeros(trajectory.motor_torque.shape[1])
-    torque = trajectory.motor_torque[active]
-    limited = (torque >= trajectory.torque_upper[active]) | (torque <= trajectory.torque_lower[active])
-    return limited.mean(axis=0)
+    return on_envelope(trajectory, margin)[active].mean(axis=0)
 
 
 def sample_time(trajectory: Trajectory) -> float:

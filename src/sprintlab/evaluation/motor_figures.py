@@ -9,18 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sprintlab.core.array_types import Array, FloatArray
+from sprintlab.core.array_types import Array
 from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
-from sprintlab.evaluation.operating_points import OperatingPoints
-from sprintlab.motors import (
-    LibraryMotor,
-    MotorModel,
-    joint_torque,
-    no_load_speed,
-    saturate,
-    torque_limits,
-    voltage_infeasible,
-)
+from sprintlab.motors import LibraryMotor, MotorModel, voltage_infeasible
 from sprintlab.motors.chart import (
     SATURATED,
     JointDrive,
@@ -50,13 +41,12 @@ _CURVE_POINTS = 1601
 _GRID_POINTS = 241
 
 
-def workbench_figure(drive: JointDrive, title: str, operated: OperatingPoints | None = None) -> Figure:
+def workbench_figure(drive: JointDrive, title: str) -> Figure:
     """All envelopes on the left; copper loss and mechanical power inside the refined one on the right.
 
     Args:
         drive: motor, gear and bus.
         title: printed above the left axes.
-        operated: samples drawn over the envelopes; none when left out.
     """
     figure, (models, inside) = themed_figure(LIGHT, (13.0, 5.4), 1, 2, sharex=True, sharey=True)
     for name in envelope_names():
@@ -66,10 +56,6 @@ def workbench_figure(drive: JointDrive, title: str, operated: OperatingPoints | 
     _draw_inside(inside, figure, drive)
     texts = (title, "Copper loss and mechanical power, after saturation")
     for axis, text in zip((models, inside), texts, strict=True):
-        if operated is not None:
-            look: dict[str, Any] = {"color": LIGHT.inside, "alpha": 0.35, "linewidths": 0, "rasterized": True}
-            axis.scatter(operated.speed, operated.torque, s=1.6, **look)
-            axis.plot([], [], ".", color=LIGHT.inside, label="recorded")  # large enough to see in the legend
         axis.axhline(0.0, color=LIGHT.muted, linewidth=0.6)
         axis.axvline(0.0, color=LIGHT.muted, linewidth=0.6)
         top, peak = _REACH * drive.no_load_speed, 1.12 * drive.peak_torque
@@ -136,7 +122,9 @@ def library_figure(actuators: Sequence[LibraryMotor]) -> Figure:
     """
     figure, (absolute, normalised) = themed_figure(LIGHT, (12.5, 5.6), 1, 2)
     for index, actuator in enumerate(actuators):
-        speed, torque = driving_envelope(actuator)
+        drive = JointDrive(motor=actuator.motor, gear=actuator.gear, bus_voltage=actuator.bus_voltage)
+        speed = np.linspace(1e-6, 1.0, _POINTS) * drive.no_load_speed  # at rest a gear takes nothing
+        torque = joint_limits(drive, speed, SATURATED)[1]
         dash = _DASHES[index // len(_COLORS) % len(_DASHES)]
         look: Any = {"color": _COLORS[index % len(_COLORS)], "linestyle": dash, "linewidth": 1.6}
         absolute.plot(speed, torque, label=actuator.title, **look)
@@ -149,15 +137,6 @@ def library_figure(actuators: Sequence[LibraryMotor]) -> Figure:
     set_title(normalised, "Normalised", LIGHT)
     figure_legend(figure, LIGHT, labelled(absolute), columns=3, place="lower")
     return figure
-
-
-def driving_envelope(actuator: LibraryMotor) -> tuple[FloatArray, FloatArray]:
-    """Joint speeds from near standstill to no load [rad/s] and the greatest joint torques there [N m]."""
-    ratio = float(actuator.gear.ratio)
-    top = float(no_load_speed(actuator.motor, actuator.bus_voltage))
-    speed = np.linspace(0.0, top, _POINTS)
-    _, upper = torque_limits(actuator.motor, speed, actuator.bus_voltage)
-    return speed / ratio, joint_torque(actuator.gear, saturate(actuator.motor, upper))
 
 
 # --- an identification -----------------------------------------------------------------------------------

@@ -36,7 +36,6 @@ class SupplyState:
     state_of_charge: float  # [-]; 1 for a bus without a battery
     winding_temperature: FloatArray | None  # (joints,) [degC]; None where heat is off
     copper_loss: FloatArray  # (joints,) in the last motor step [W]
-    housing_temperature: FloatArray | None = None  # (joints,) [degC]; None where heat has one node
     i2t_level: FloatArray | None = None  # (joints,) 1 at continuous current [-]; None without a limit
 
 
@@ -97,7 +96,6 @@ class SuppliedDrive:
             state_of_charge=self._charge,
             winding_temperature=None if self._heat is None else self._temperature.copy(),
             copper_loss=self._loss,
-            housing_temperature=self._housing.copy() if isinstance(self._heat, HousedHeat) else None,
             i2t_level=None if self._i2t is None else self._level.copy(),
         )
 
