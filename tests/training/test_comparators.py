@@ -21,7 +21,7 @@ SMALL = small_settings(
     environments=16,
     mini_batches=1,
     hidden=(16, 8),
-    estimator=EstimatorSettings(encoder=(16, 8), decoder=(8, 16)),
+    estimator=EstimatorSettings(encoder=(16, 8)),
 )
 SWITCHES = {
     "rlvrl": {"schedule"},

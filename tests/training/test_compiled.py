@@ -20,6 +20,7 @@ from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.networks import LATENT_SIZE
 from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards, paper_rewards
 from sprintlab.training.settings import REWARD_SUMS
@@ -78,7 +79,7 @@ def test_the_parts_of_an_update_are_one_piece_each(learner: EstimatorPpo) -> Non
     traced(learner._policy_gradient)(batch)
     torch.testing.assert_close(learner.block.gradient, plain)
     traced(learner._policy_step)()
-    noise = torch.zeros(8, learner.settings.estimator.latent)
+    noise = torch.zeros(8, LATENT_SIZE)
     traced(learner._estimator_gradient)(learner.rollout.estimator_batch(0, 4, noise))
     traced(learner._estimator_step)()
     traced(learner._finish)()

@@ -129,7 +129,7 @@ def test_legs_too_close_end_an_episode(environment: SprintEnvironment) -> None:
     distance = body.leg_distance.clone()
     distance[3, 1], distance[4, 1] = -0.001, 0.001
     body, lengths = body._replace(leg_distance=distance), (e.episode_length_buf, e.episode_limit)
-    ends = find_ends(body, e.engine.qvel, *lengths, e.settings.episodes)
+    ends = find_ends(body, e.engine.qvel, *lengths, e._knee_clearance)
     assert torch.nonzero(ends.failed)[:, 0].tolist() == [3]
 
 

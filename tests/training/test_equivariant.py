@@ -27,9 +27,7 @@ from sprintlab.training.learner.perceptron import Perceptron
 from sprintlab.training.runs.export import _onnx_bytes
 from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
 
-SETTINGS = TrainingSettings(
-    ppo=PpoSettings(hidden=(64, 32)), estimator=EstimatorSettings(encoder=(32, 16), decoder=(16, 32))
-)
+SETTINGS = TrainingSettings(ppo=PpoSettings(hidden=(64, 32)), estimator=EstimatorSettings(encoder=(32, 16)))
 BATCH = 64
 
 

@@ -16,9 +16,9 @@ from sprintlab.training.learner.losses import (
     EstimatorBatch,
     estimator_gradients,
 )
-from sprintlab.training.learner.networks import Actor
+from sprintlab.training.learner.networks import LATENT_SIZE, Actor
 from sprintlab.training.learner.parameters import ParameterBlock
-from sprintlab.training.settings import EstimatorSettings, TrainingSettings
+from sprintlab.training.settings import TrainingSettings
 
 SETTINGS = TrainingSettings()
 OBSERVATION = SETTINGS.observation.for_joints(12)
@@ -35,12 +35,12 @@ def actor() -> Actor:
 @pytest.mark.parametrize("layers", [1, 2, 20])
 def test_as_few_and_as_many_layers_as_settings_may_say_are_a_network(layers: int) -> None:
     widths = (8,) * layers
-    estimator = replace(SETTINGS.estimator, encoder=widths, decoder=widths)
+    estimator = replace(SETTINGS.estimator, encoder=widths)
     settings = replace(SETTINGS, estimator=estimator, ppo=replace(SETTINGS.ppo, hidden=widths))
     made = build_actor(settings, load_robot("bp2"))
     action, estimate = made(torch.randn(3, HISTORY), torch.zeros(3, ESTIMATE_SIZE))
     assert action.shape == (3, 12) and estimate.shape == (3, ESTIMATE_SIZE)
-    frame = made.estimator.decoder(torch.randn(3, ESTIMATE_SIZE + settings.estimator.latent))
+    frame = made.estimator.decoder(torch.randn(3, ESTIMATE_SIZE + LATENT_SIZE))
     assert frame.shape == (3, OBSERVATION.frame_size)
 
 
@@ -56,7 +56,7 @@ def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
         privileged=privileged,
         next_frame=normal(SAMPLES, 45),
         valid=torch.ones(SAMPLES),
-        noise=normal(SAMPLES, SETTINGS.estimator.latent),
+        noise=normal(SAMPLES, LATENT_SIZE),
     )
     return batch._replace(**changes)
 
@@ -119,21 +119,18 @@ def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
     assert torch.equal(first, second)
     actor_input, _ = actor.perceive(history, zeros)
     latent = actor.estimator(actor.normalized_frames(history)).mean
-    assert torch.equal(actor_input[:, 53 : 53 + SETTINGS.estimator.latent], latent)
+    assert torch.equal(actor_input[:, 53 : 53 + LATENT_SIZE], latent)
 
 
-def test_the_estimator_does_not_see_the_command_unless_told_so() -> None:
+def test_the_estimator_does_not_see_the_command_and_the_policy_does() -> None:
     history = torch.randn(4, HISTORY)
     other = history.clone().view(4, -1, 45)
     other[..., COMMAND] += 3.0
     other = other.view(4, HISTORY)
-    robot = load_robot("bp2")
-    blind = build_actor(SETTINGS, robot)
-    seeing = build_actor(replace(SETTINGS, estimator=EstimatorSettings(sees_command=True)), robot)
+    blind = build_actor(SETTINGS, load_robot("bp2"))
     zeros = torch.zeros(4, ESTIMATE_SIZE)
     assert torch.equal(blind.perceive(history, zeros)[1], blind.perceive(other, zeros)[1])
-    assert not torch.equal(seeing.perceive(history, zeros)[1], seeing.perceive(other, zeros)[1])
-    assert not torch.equal(blind(history, zeros)[0], blind(other, zeros)[0])  # the policy does see it
+    assert not torch.equal(blind(history, zeros)[0], blind(other, zeros)[0])
 
 
 def test_the_estimate_is_low_passed_from_its_last_value(actor: Actor) -> None:

@@ -16,7 +16,6 @@ from sprintlab.training import exam as exam_module
 from sprintlab.training.exam import GROUPS, LIMITS, Exam, GroupResult
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.runs.checkpoint import read_checkpoint
-from sprintlab.training.runs.options import RunLength
 from sprintlab.training.runs.runner import BestExam, Runner
 from sprintlab.training.settings import ExamSettings
 
@@ -132,12 +131,3 @@ def test_faster_beats_and_as_fast_must_be_cheaper() -> None:
     best = BestExam(iteration=1, held=8.0, cost=1.0, policy={})
     assert best.beaten_by(8.1, 2.0) and best.beaten_by(8.02, 0.9)
     assert not best.beaten_by(8.02, 1.1) and not best.beaten_by(7.9, 0.5)
-
-
-def test_a_hopeless_run_ends_in_its_second_half() -> None:
-    runner = Runner(replace(SETTINGS, exam=ExamSettings(interval=1, hopeless=3.0)), "cpu", "test")
-    runner.begin(RunLength(iterations=4))
-    ended = [(runner.iterate(), runner.hopeless)[1] for _ in range(3)]
-    assert ended == [False, True, True]
-    runner.best = BestExam(iteration=1, held=3.5, cost=1.0, policy={})
-    assert not runner.hopeless

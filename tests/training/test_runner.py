@@ -14,6 +14,12 @@ from tests.training.small import small_settings
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
+from sprintlab.training.learner.annealing import (
+    divergence_aim,
+    estimator_rate,
+    std_ceiling,
+    std_floor,
+)
 from sprintlab.training.runs.checkpoint import Progress, read_checkpoint
 from sprintlab.training.runs.export import actor_from_checkpoint, export_checkpoint
 from sprintlab.training.runs.options import RunLength
@@ -111,10 +117,10 @@ def test_fine_tuning_begins_at_its_share_of_the_run_and_in_a_resumed_run(tmp_pat
         replace(SETTINGS.stages, steady_share=-1.0)
 
 
-def test_what_is_exported_is_the_mean_of_the_weights() -> None:
+def test_what_is_exported_is_the_mean_of_the_weights(monkeypatch) -> None:
     """The plain mean at first, then one that forgets."""
-    settings = replace(SETTINGS, ppo=replace(SETTINGS.ppo, averaging_iterations=2))
-    runner, weights = Runner(settings, "cpu", "test"), []
+    monkeypatch.setattr("sprintlab.training.runs.runner.AVERAGED_OVER", 2)
+    runner, weights = Runner(SETTINGS, "cpu", "test"), []
     for _ in range(3):
         runner.iterate()
         weights.append(runner.learner.actor.state_dict()["policy.layers.2.weight"].clone())
@@ -163,34 +169,19 @@ def test_a_cpu_trains_fewer_robots_and_smaller_networks_unless_told_otherwise() 
     assert (asked.simulation.environments, asked.ppo.hidden) == (64, (256, 128))
 
 
-def test_noise_and_divergence_sink_between_their_shares_of_the_run() -> None:
-    ppo = replace(
-        SETTINGS.ppo, least_std=0.4, std_anneal=(0.2, 0.6), final_std=0.2, initial_std=0.41, most_std=0.8,
-        desired_kl=0.01, final_kl=0.0025,
-    )  # fmt: skip
-    assert [ppo.std_floor(share) for share in (0.0, 0.2, 0.4, 0.6, 1.0)] == pytest.approx(
-        [0.4, 0.4, 0.3, 0.2, 0.2]
-    )
-    assert [ppo.std_ceiling(share) for share in (0.1, 0.4, 0.6, 1.0)] == pytest.approx(
-        [math.inf, 0.5, 0.2, 0.2]
-    )
-    assert [ppo.divergence_aim(share) for share in (0.0, 0.4, 1.0)] == pytest.approx([0.01, 0.005, 0.0025])
-    runner = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
-    for share, expected in ((0.0, 0.4), (1.0, 0.2)):
+def test_noise_divergence_and_the_estimators_rate_sink_between_their_shares_of_the_run() -> None:
+    shares = (0.0, 0.5, 0.71, 0.92, 1.0)
+    assert [std_floor(share) for share in shares] == pytest.approx([0.25, 0.25, 0.185, 0.12, 0.12])
+    assert [std_ceiling(share) for share in shares] == pytest.approx([math.inf, math.inf, 0.27, 0.12, 0.12])
+    assert [divergence_aim(share) for share in (0.0, 1.0)] == pytest.approx([0.01, 0.002])
+    assert [estimator_rate(share) for share in (0.0, 0.71, 1.0)] == pytest.approx([1e-3, 10**-3.5, 1e-4])
+    runner = Runner(SETTINGS, "cpu", "test")
+    for share, floor in ((0.0, 0.25), (1.0, 0.12)):
         assert runner.share == share
         with torch.no_grad():
             runner.learner.actor.std.fill_(0.1)
         runner.iterate()
-        assert float(runner.learner.actor.std.detach().min()) == pytest.approx(expected)
+        assert float(runner.learner.actor.std.detach().min()) == pytest.approx(floor)
         runner.begin(RunLength(iterations=1))
-    assert float(runner.learner.desired_kl) == pytest.approx(0.0025)
-    assert float(runner.learner.estimator_rate) == pytest.approx(SETTINGS.estimator.final_learning_rate)
-    with pytest.raises(InvalidValueError, match="final_std"):
-        replace(ppo, final_std=0.5)
-
-
-def test_the_estimators_rate_sinks_with_the_noise() -> None:
-    estimator = replace(SETTINGS.estimator, learning_rate=1e-3, final_learning_rate=1e-5)
-    assert [estimator.rate(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1e-3, 1e-4, 1e-5])
-    with pytest.raises(InvalidValueError, match="final_learning_rate"):
-        replace(estimator, final_learning_rate=0.0)
+    assert float(runner.learner.desired_kl) == pytest.approx(0.002)
+    assert float(runner.learner.estimator_rate) == pytest.approx(1e-4)

@@ -22,9 +22,14 @@ def test_what_is_written_is_read_back_equal(name: str) -> None:
 def test_settings_are_changed_by_name() -> None:
     changed = with_changes(
         method(),
-        ["ppo.steps=8", "schedule.kind=UniformSchedule", "actuator_model=square", "ppo.std_anneal=none"],
+        [
+            "ppo.steps=8",
+            "schedule.kind=UniformSchedule",
+            "actuator_model=square",
+            "stages.record_margin=none",
+        ],
     )
-    assert (changed.ppo.steps, changed.ppo.std_anneal, changed.actuator_model) == (8, None, "square")
+    assert (changed.ppo.steps, changed.stages.record_margin, changed.actuator_model) == (8, None, "square")
     assert isinstance(changed.schedule, UniformSchedule)
 
 
@@ -54,7 +59,7 @@ def test_a_file_changes_what_it_names(tmp_path) -> None:
         ("schedule.kind=Spiral", r"schedule\.kind = 'Spiral'.*UniformSchedule"),
         ("ppo=3", "must be PpoSettings"),
         ("actuator_model=round", "refined.*square"),
-        ("ppo.initial_std=-1", r"ppo\.initial_std = -1"),
+        ("ppo.learning_rate=-1", r"ppo\.learning_rate = -1"),
     ],
 )
 def test_a_refusal_names_the_setting(change: str, words: str) -> None:

@@ -41,7 +41,7 @@ def test_values_to_vary_are_numbers_lists_and_words() -> None:
     "fixed",
     [
         [],
-        ["ppo.std_anneal=none", "reward_sum=clipped", "schedule.ramp=[1.0, 3.0]"],
+        ["stages.record_margin=none", "reward_sum=clipped", "schedule.ramp=[1.0, 3.0]"],
         ["simulation.heat={ambient_temperature = 30.0}", "schedule.targets.grid=none"],
     ],
 )

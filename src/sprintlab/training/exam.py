@@ -172,7 +172,6 @@ class Exam(SprintEnvironment):
             super().__init__(own, device, fused=False)
             self._offset = self._joint_noise()
         self.actor, self._constraints = actor, settings.constraints or ConstraintSettings()
-        self._survivable = replace(settings.episodes, leg_distance_limit=-1.0)
         self.engine.friction.fill_(NOMINAL_TRIAL.friction)
         self._allocate_measurements()
         self._policy_step = captured(self._examine, device) if fused else self._examine
@@ -275,7 +274,12 @@ class Exam(SprintEnvironment):
     def _measure(self, body: BodyState) -> None:
         """What counts from the rise to a fall or to the end."""
         ends = find_ends(
-            body, self.engine.qvel, self.episode_length_buf, self.episode_limit, self._survivable
+            body,
+            self.engine.qvel,
+            self.episode_length_buf,
+            self.episode_limit,
+            self._knee_clearance,
+            leg_distance=-1.0,
         )
         self.upright.mul_(1.0 - ends.failed.float())
         time = self._time()

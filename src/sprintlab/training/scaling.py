@@ -12,14 +12,10 @@ from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.settings import (
-    EpisodeSettings,
-    SimulationSettings,
-    StageSettings,
     TrainingSettings,
 )
 from sprintlab.training.terms import Parameter, RandomizationTerm, RewardTerm
 
-Part = TypeVar("Part", SimulationSettings, EpisodeSettings, StageSettings)
 Term = TypeVar("Term", RewardTerm, RandomizationTerm)
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
@@ -30,9 +26,14 @@ def leg_length(robot: RobotDescription) -> float:
     return robot.mechanics.thigh_length + robot.mechanics.shank_length
 
 
+def length_scale(robot: RobotDescription) -> float:
+    """Lengths of the robot over BP2's."""
+    return leg_length(robot) / leg_length(load_robot(REFERENCE_ROBOT))
+
+
 def speed_scale(robot: RobotDescription) -> float:
     """Speeds and times of the robot over BP2's at equal Froude numbers."""
-    return (leg_length(robot) / leg_length(load_robot(REFERENCE_ROBOT))) ** 0.5
+    return length_scale(robot) ** 0.5
 
 
 def scaled_settings(robot: str, base: TrainingSettings | None = None) -> TrainingSettings:
@@ -50,7 +51,7 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
     base = base or TrainingSettings()
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
     speed, mass = speed_scale(small), small.total_mass / large.total_mass
-    length = leg_length(small) / leg_length(large)
+    length = length_scale(small)
     scales: dict[str, Callable[[float], float]] = {
         "height": lambda height: small.foot_radius + length * (height - large.foot_radius),
         "distance": lambda distance: length * distance,
@@ -58,27 +59,23 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
         "yaw_rates": lambda rate: rate / speed,
         "mass": lambda value: mass * value,
     }
-    simulation, stages, episodes = base.simulation, base.stages, base.episodes
+    stages, margin = base.stages, base.stages.record_margin
     if (constraints := base.constraints) is not None:
         legs = constraints.legs
         legs = replace(legs, limit=length * legs.limit, full=length * legs.full)
         constraints = replace(constraints, legs=legs)
-
-    def scaled(part: Part, factor: float, *names: str) -> Part:
-        values = {name: getattr(part, name) for name in names}
-        changes = {name: factor * value for name, value in values.items() if value is not None}
-        return replace(part, **changes)  # pyright: ignore[reportArgumentType]
-
-    speeds = ("first_top", "second_top", "growth", "growth_margin", "gated_top", "record_margin")
     return replace(
         base,
         robot=robot,
         reward={name: _scaled_term(term, scales) for name, term in base.reward.items()},
         randomization={name: _scaled_term(term, scales) for name, term in base.randomization.items()},
         constraints=constraints,
-        simulation=scaled(simulation, speed, "shortest_stride", "shortest_stance"),
-        episodes=scaled(episodes, length, "leg_distance_limit", "knee_clearance"),
-        stages=scaled(stages, speed, *speeds),
+        stages=replace(
+            stages,
+            first_top=speed * stages.first_top,
+            second_top=speed * stages.second_top,
+            record_margin=None if margin is None else speed * margin,
+        ),
     )
 
 

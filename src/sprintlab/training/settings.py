@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
-from sprintlab.core.checks import check_choice, check_interval, check_positive, check_range
+from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 from sprintlab.training.environment.randomization import default_randomization
@@ -64,8 +63,6 @@ class SimulationSettings:
         environments: Robots that are simulated side by side.
         heat: Thermal model of the windings; None, as in the paper: they stay cold.
         saturation: Whether the motors saturate; off, torque stays proportional to current.
-        shortest_stride: A foot that touches down sooner after its last touchdown is hasty [s].
-        shortest_stance: A foot that lifts off sooner after its touchdown is hasty [s].
 
     Raises:
         InvalidValueError: a value out of range.
@@ -74,18 +71,11 @@ class SimulationSettings:
     environments: int = 32768
     heat: WindingHeat | None = None
     saturation: bool = True
-    shortest_stride: float = 0.194
-    shortest_stance: float = 0.036
 
     def __post_init__(self) -> None:
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
         check_range("environments", self.environments, 1, MOST_ENVIRONMENTS)
-        check_positive("shortest_stride", self.shortest_stride, "s")
-        check_positive("shortest_stance", self.shortest_stance, "s")
-
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,31 +160,23 @@ UNDISTURBED = DisturbanceSettings(
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSettings:
-    """How episodes begin and end.
+    """How episodes begin.
 
     Attributes:
-        duration: Least and greatest length [s], drawn per environment, so that ends do not synchronise.
         clone_share: Share of the resets that copy a running environment, the faster of two drawn: high speed
             is reached rarely, so it must be practised when it is.
         fast_start_share: Share of the other resets that start at a forward speed in the commanded range.
-        leg_distance_limit: The episode ends when the surfaces of two legs come closer [m].
-        knee_clearance: The episode ends when a knee comes closer to the ground [m].
 
     Raises:
-        InvalidValueError: a share outside [0, 1] or a limit that is not positive.
+        InvalidValueError: a share outside [0, 1].
     """
 
-    duration: Interval = (14.0, 24.0)
     clone_share: float = 0.3
     fast_start_share: float = 0.25
-    leg_distance_limit: float = 0.0
-    knee_clearance: float = 0.05
 
     def __post_init__(self) -> None:
-        check_interval("duration", self.duration, 0.1, unit="s")
         for name in ("clone_share", "fast_start_share"):
             check_range(name, getattr(self, name), 0.0, 1.0)
-        check_positive("knee_clearance", self.knee_clearance, "m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,11 +186,6 @@ class StageSettings:
     Attributes:
         first_top: Top of the range in stage I [m/s].
         second_top: Top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
-        growth: Growth of the range per iteration [m/s].
-        growth_margin: The range grows while the fastest 0.1 % are within this of its top [m/s].
-        earliest_iteration: Stage II starts no sooner.
-        ramp_iterations: Iterations over which the weights blend from stage I to stage II.
-        gated_top: Beyond this speed the range opens only while feet and gears hold [m/s].
         steady_share: Share of the run after which the fine-tuning phase begins: some robots act with less
             noise (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with
             ``ramps_when_steady``, all commands ramp. Not in the paper.
@@ -221,19 +198,12 @@ class StageSettings:
 
     first_top: float = 6.0
     second_top: float = 14.5
-    growth: float = 0.1
-    growth_margin: float = 1.0
-    earliest_iteration: int = 250
-    ramp_iterations: int = 250
-    gated_top: float = 12.0
     steady_share: float = 0.4
     record_margin: float | None = 1.5
 
     def __post_init__(self) -> None:
         check_positive("first_top", self.first_top, "m/s")
         check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
-        check_positive("growth", self.growth, "m/s")
-        check_positive("gated_top", self.gated_top, "m/s")
         check_range("steady_share", self.steady_share, 0.0, 1.0)
         if self.record_margin is not None:
             check_positive("record_margin", self.record_margin, "m/s")
@@ -258,23 +228,10 @@ class PpoSettings:
         steps: Environment steps per iteration; with 8 small batches do not start.
         epochs: Passes over the rollout.
         mini_batches: Mini-batches per pass.
-        learning_rate: Learning rate at the start; it is adapted to ``desired_kl``.
-        desired_kl: Kullback-Leibler divergence that an update aims at.
-        final_kl: The divergence sinks to this over ``std_anneal``, together with the noise.
+        learning_rate: Learning rate at the start; it is adapted to the divergence of the updates.
         discount: Discount of future rewards.
-        gae: Lambda of the generalized advantage estimate.
-        clip: Clip range of the likelihood ratio.
-        entropy: Weight of the entropy bonus.
-        initial_std: Standard deviation of the action noise at the start.
-        least_std: Floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
-        most_std: Ceiling of the action noise at the beginning of ``std_anneal``.
-        std_anneal: Shares of the run between which floor and ceiling sink to ``final_std``: a policy runs
-            without noise, so that should be practised and estimated. None: they stay.
-        final_std: Standard deviation of the action noise at the end.
         low_noise_fraction: Fraction of the robots, spread evenly, that act with less noise in the fine-tuning
             phase. With noise everywhere, policies stood that fell over without it. Not in the paper.
-        low_noise_scale: Factor of the action noise of those robots.
-        averaging_iterations: The exported policy is the mean of the weights over about so many iterations.
         symmetric: Whether the mirrored observation gives exactly the mirrored action.
         hidden: Widths of the layers of actor and critic.
         precision: ``"tf32"`` or ``"float16"`` (faster on a GPU) for the matrix products in rollout and
@@ -289,20 +246,8 @@ class PpoSettings:
     epochs: int = 4
     mini_batches: int = 4
     learning_rate: float = 1e-3
-    desired_kl: float = 0.01
-    final_kl: float = 0.002
     discount: float = 0.99
-    gae: float = 0.95
-    clip: float = 0.2
-    entropy: float = 0.005
-    initial_std: float = 0.8
-    least_std: float = 0.25
-    most_std: float = 0.42
-    std_anneal: tuple[float, float] | None = (0.5, 0.92)
-    final_std: float = 0.12
     low_noise_fraction: float = 0.4
-    low_noise_scale: float = 0.25
-    averaging_iterations: int = 250
     symmetric: bool = True
     hidden: tuple[int, ...] = (512, 256, 128)
     precision: str = "float16"
@@ -310,79 +255,28 @@ class PpoSettings:
     def __post_init__(self) -> None:
         check_choice("precision", self.precision, PRECISIONS)
         _check_widths("hidden", self.hidden)
-        for name in ("steps", "epochs", "mini_batches", "averaging_iterations"):
+        for name in ("steps", "epochs", "mini_batches"):
             check_range(name, getattr(self, name), 1, 10000)
-        for name in ("learning_rate", "desired_kl", "final_kl", "clip", "initial_std", "least_std"):
-            check_positive(name, getattr(self, name))
+        check_positive("learning_rate", self.learning_rate)
         check_range("discount", self.discount, 0.0, 1.0)
-        check_range("gae", self.gae, 0.0, 1.0)
-        check_range("least_std", self.least_std, 1e-6, self.initial_std)
         check_range("low_noise_fraction", self.low_noise_fraction, 0.0, 1.0)
-        check_range("low_noise_scale", self.low_noise_scale, 1e-3, 1.0)
-        check_range("final_std", self.final_std, 1e-6, self.least_std)
-        check_range("most_std", self.most_std, self.least_std, 1e3)
-        if self.std_anneal is not None:
-            check_interval("std_anneal", self.std_anneal, 0.0, 1.0)
-
-    def annealed(self, share: float) -> float:
-        """How far this share of the run lies between the ends of ``std_anneal``: 0 before them, 1 after."""
-        if self.std_anneal is None:
-            return 0.0
-        first, last = self.std_anneal
-        return min(max((share - first) / max(last - first, 1e-9), 0.0), 1.0)
-
-    def std_floor(self, share: float) -> float:
-        """Least deviation of the action noise after this share of the run."""
-        return self.least_std + self.annealed(share) * (self.final_std - self.least_std)
-
-    def std_ceiling(self, share: float) -> float:
-        """Greatest deviation of the action noise after this share of the run."""
-        annealed = self.annealed(share)
-        return math.inf if annealed == 0.0 else self.most_std + annealed * (self.final_std - self.most_std)
-
-    def divergence_aim(self, share: float) -> float:
-        """Divergence that an update aims at after this share of the run."""
-        return self.desired_kl * (self.final_kl / self.desired_kl) ** self.annealed(share)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorSettings:
-    """The VAE estimator; what the paper leaves open follows DreamWaQ's open implementations.
+    """The VAE estimator.
 
     Attributes:
-        latent: Size of ``z`` (the paper's 16).
         encoder: Widths of the encoder's layers.
-        decoder: Widths of the decoder's layers.
-        learning_rate: Learning rate of its own optimizer, which is not adapted.
-        final_learning_rate: The rate sinks to this over ``ppo.std_anneal``: the exported estimate shall not
-            depend on its last few steps.
-        epochs: Passes over the rollout; one is enough.
-        sees_command: Whether the encoder reads the command. Under ACS the command follows the speed: an
-            estimator that sees it reads the speed off it, and errs by metres a second under other commands.
 
     Raises:
-        InvalidValueError: a size below one or a number that is not positive.
+        InvalidValueError: no layer, too many, or a width out of range.
     """
 
-    latent: int = 16
     encoder: tuple[int, ...] = (256, 128)
-    decoder: tuple[int, ...] = (64, 128)
-    learning_rate: float = 1e-3
-    final_learning_rate: float = 1e-4
-    epochs: int = 1
-    sees_command: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("latent", "epochs"):
-            check_range(name, getattr(self, name), 1, 1000)
-        for name in ("learning_rate", "final_learning_rate"):
-            check_positive(name, getattr(self, name))
-        for name in ("encoder", "decoder"):
-            _check_widths(name, getattr(self, name))
-
-    def rate(self, annealed: float) -> float:
-        """The learning rate, along a straight line of its logarithm; ``annealed`` from 0 to 1."""
-        return self.learning_rate * (self.final_learning_rate / self.learning_rate) ** annealed
+        _check_widths("encoder", self.encoder)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -391,20 +285,15 @@ class ExamSettings:
 
     Attributes:
         interval: Iterations between two exams; a shorter run has none, a longer one also ends with one.
-        hopeless: The run ends in its second half when no exam has held this speed within the audit's limits
-            [m/s]; None: it goes on.
 
     Raises:
-        InvalidValueError: a number that is not positive.
+        InvalidValueError: the interval is below one.
     """
 
     interval: int = 600
-    hopeless: float | None = None
 
     def __post_init__(self) -> None:
         check_range("interval", self.interval, 1, 1_000_000)
-        if self.hopeless is not None:
-            check_positive("hopeless", self.hopeless, "m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -421,7 +310,7 @@ class TrainingSettings:
         reward_sum: ``"exponential"``: rewards * exp(penalties / 2), or ``"clipped"``: max(0, sum).
         randomization: What differs from robot to robot, by name: ``environment.randomization``.
         disturbances: Noise of the sensors, and pushes.
-        episodes: How episodes begin and end.
+        episodes: How episodes begin.
         constraints: What the audit limits, as shares of the future that end; None: only rewards.
         stages: How the range of speeds grows, and the phases of the run.
         exam: When the policy is examined; None: the last policy is exported.

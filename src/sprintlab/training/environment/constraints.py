@@ -39,7 +39,7 @@ INITIAL_CHANCE, _LEAST_CHANCE = 0.003, 1e-3
 _RATE = 0.01
 """Greatest change of a chance in an iteration."""
 _SLACK = 3.0
-"""The range opens beyond ``stages.gated_top`` while feet and gears are broken less than this many times as
+"""The range opens beyond ``runner.GATED_TOP`` while feet and gears are broken less than this many times as
 often as aimed at."""
 _SMOOTHING = 0.05
 _STRICT = ("hold/foot", "hold/gear")

@@ -39,7 +39,12 @@ class Ends(NamedTuple):
 
 
 def find_ends(
-    body: BodyState, qvel: torch.Tensor, length: torch.Tensor, limit: torch.Tensor, settings: EpisodeSettings
+    body: BodyState,
+    qvel: torch.Tensor,
+    length: torch.Tensor,
+    limit: torch.Tensor,
+    knee_clearance: float,
+    leg_distance: float = 0.0,
 ) -> Ends:
     """Which robots' episodes are over.
 
@@ -48,11 +53,12 @@ def find_ends(
         qvel: all generalized velocities ``(n, nv)``.
         length: policy steps done ``(n,)``.
         limit: policy steps allowed ``(n,)``.
-        settings: limits.
+        knee_clearance: a knee that is closer to the ground ends the episode [m].
+        leg_distance: surfaces of two legs that are closer end it [m].
     """
     tilt = body.gravity[:, 2] > -math.cos(math.radians(TILT_LIMIT))
-    touching = (body.trunk_clearance < 0.0) | (body.knee_height.amin(1) < settings.knee_clearance)
-    crossed = body.leg_distance.amin(1) < settings.leg_distance_limit
+    touching = (body.trunk_clearance < 0.0) | (body.knee_height.amin(1) < knee_clearance)
+    crossed = body.leg_distance.amin(1) < leg_distance
     fastest = body.joint_velocity.abs().amax(1)
     broken = ~torch.isfinite(qvel.sum(1)) | ~(fastest <= IMPOSSIBLE_JOINT_SPEED)
     failed = tilt | touching | crossed | broken

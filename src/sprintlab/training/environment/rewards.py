@@ -255,12 +255,12 @@ def electrical_power(x: RewardInput) -> torch.Tensor:
 
 
 def hasty_touchdowns(x: RewardInput) -> torch.Tensor:
-    """Touchdowns sooner than ``simulation.shortest_stride`` after the last: else a gait becomes a tap."""
+    """Touchdowns sooner than ``sprint.SHORTEST_STRIDE`` after the last: else a gait becomes a tap."""
     return x.loads.hasty_touchdowns.sum(1)
 
 
 def short_stances(x: RewardInput) -> torch.Tensor:
-    """Stances shorter than ``simulation.shortest_stance``."""
+    """Stances shorter than ``sprint.SHORTEST_STANCE``."""
     return x.loads.short_stances.sum(1)
 
 

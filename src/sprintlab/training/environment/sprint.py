@@ -59,11 +59,19 @@ from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
 from sprintlab.training.environment.rewards import Loads, RewardInput, angular_tracking, linear_tracking
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
+from sprintlab.training.scaling import length_scale, speed_scale
 from sprintlab.training.settings import PHASES, TrainingSettings
 
 POLICY_STEP, SUBSTEPS = 1.0 / POLICY_RATE_HZ, 80
 """Policy step [s], and physics steps in it: the plant's own 0.25 ms. Running agrees with 0.5 ms, too, but the
 fastest joint of a brake from top speed is then 6 % slow, and the audit's limit is not practised."""
+EPISODE_LENGTH = (14.0, 24.0)
+"""Least and greatest length of an episode [s], drawn per environment, so that ends do not synchronise."""
+SHORTEST_STRIDE, SHORTEST_STANCE = 0.194, 0.036
+"""A foot is hasty that touches down sooner after its last touchdown, or lifts off sooner after it [s]; for
+the robot that the settings are for, for others by ``scaling``."""
+KNEE_CLEARANCE = 0.05
+"""A knee that comes closer to the ground ends the episode [m]; scaled likewise."""
 WINDING_TEMPERATURE = (25.0, 90.0)
 """With heat, at an episode's start [degC]."""
 SPEED_AVERAGE = 0.1
@@ -160,8 +168,9 @@ class SprintEnvironment:
         sizes = self.observation.sensor_sizes
         self._noise = tensor([getattr(noise, name) for name in sizes for _ in range(sizes[name])])
         self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
-        limits = self.settings.simulation
-        self.engine.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
+        pace = speed_scale(robot)
+        self.engine.shortest.copy_(tensor((pace * SHORTEST_STRIDE, pace * SHORTEST_STANCE)))
+        self._knee_clearance = length_scale(robot) * KNEE_CLEARANCE
         self._joint_offset = self.fleet.joint_offset
         nothing = torch.zeros(self.num_envs, 3, device=self.device)
         still = torch.zeros_like(self._joint_offset)
@@ -187,7 +196,7 @@ class SprintEnvironment:
         self.grid = self.settings.schedule.targets.grid
         self.grid_weights = zeros(1, 1) if self.grid is None else self.grid.initial_weights(zeros(1))
         self.episode_length_buf = torch.zeros(n, dtype=torch.long, device=self.device)
-        shortest, longest = self.settings.episodes.duration
+        shortest, longest = EPISODE_LENGTH
         lengths = shortest + (longest - shortest) * torch.rand(n, device=self.device)
         self.episode_limit = (lengths / POLICY_STEP).long()
         self.max_episode_length = int(longest / POLICY_STEP)
@@ -304,7 +313,7 @@ class SprintEnvironment:
             self.engine.qvel,
             self.episode_length_buf,
             self.episode_limit,
-            self.settings.episodes,
+            self._knee_clearance,
         )
         self._count_episodes(ends)
         self._reward(body, ends)

@@ -17,6 +17,7 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import RobotDescription
 from sprintlab.training.environment.sprint import POLICY_STEP, SprintEnvironment
 from sprintlab.training.graphs import captured, compiled
+from sprintlab.training.learner import annealing
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import (
     EstimatorBatch,
@@ -32,7 +33,7 @@ from sprintlab.training.learner.losses import (
     robot_noise,
 )
 from sprintlab.training.learner.metric_buffer import MetricBuffer
-from sprintlab.training.learner.networks import LARGEST_STD, Actor, Critic
+from sprintlab.training.learner.networks import LARGEST_STD, LATENT_SIZE, Actor, Critic
 from sprintlab.training.learner.parameters import ParameterBlock
 from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import TrainingSettings
@@ -40,6 +41,8 @@ from sprintlab.training.settings import TrainingSettings
 LOSS_NAMES = (
     "surrogate", "value", "entropy", "divergence", "velocity", "contact", "reconstruction", "latent",
 )  # fmt: skip
+ESTIMATOR_EPOCHS = 1
+"""Passes of the estimator over the rollout; one is enough."""
 
 
 def build_actor(settings: TrainingSettings, robot: RobotDescription) -> Actor:
@@ -85,15 +88,15 @@ class EstimatorPpo:
         self.learning_rate = torch.tensor(ppo.learning_rate, device=device)
         groups = [[*actor.policy.mixed_parameters(), (actor.std, None)], critic.mixed_parameters()]
         self.block = ParameterBlock(groups, self.learning_rate)
-        self.estimator_rate = torch.tensor(settings.estimator.learning_rate, device=device)
+        self.estimator_rate = torch.tensor(annealing.ESTIMATOR_RATE, device=device)
         groups = [[*estimator.encoder.mixed_parameters(), *estimator.decoder.mixed_parameters()]]
         self.estimator_block = ParameterBlock(groups, self.estimator_rate)
         for layer in (*actor.policy.stack, *critic.stack):
             layer.rounded = self.block.part(self.block.rounded, layer.weight)
         self._std_place = self.block.place(actor.std)
         self.old_std = self.actor.std.detach().clone()
-        self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=device) for _ in range(2))
-        self.desired_kl = torch.tensor(ppo.desired_kl, device=device)
+        self.least_std, self.most_std = (torch.tensor(annealing.LEAST_STD, device=device) for _ in range(2))
+        self.desired_kl = torch.tensor(annealing.DESIRED_KL, device=device)
         self.set_phase(0.0)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=device)
         self._parts = torch.zeros(4, device=device)
@@ -102,11 +105,10 @@ class EstimatorPpo:
 
     def set_phase(self, share: float) -> None:
         """Action noise, aimed-at divergence and the estimator's learning rate after a share of the run."""
-        ppo, estimator = self.settings.ppo, self.settings.estimator
-        self.least_std.fill_(ppo.std_floor(share))
-        self.most_std.fill_(min(ppo.std_ceiling(share), LARGEST_STD))
-        self.desired_kl.fill_(ppo.divergence_aim(share))
-        self.estimator_rate.fill_(estimator.rate(ppo.annealed(share)))
+        self.least_std.fill_(annealing.std_floor(share))
+        self.most_std.fill_(min(annealing.std_ceiling(share), LARGEST_STD))
+        self.desired_kl.fill_(annealing.divergence_aim(share))
+        self.estimator_rate.fill_(annealing.estimator_rate(share))
         steady = self.settings.stages.is_steady(share)
         self.rollout.noise_scale.copy_(self._noise_scale if steady else torch.ones_like(self._noise_scale))
 
@@ -206,7 +208,7 @@ class EstimatorPpo:
         for epoch in range(self.settings.ppo.epochs):
             for first, last in blocks:
                 self._improve_policy(first, last)
-                if epoch < self.settings.estimator.epochs:
+                if epoch < ESTIMATOR_EPOCHS:
                     self._improve_estimator(first, last)
         self._conclude()
 
@@ -256,7 +258,7 @@ class EstimatorPpo:
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps
-        noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
+        noise = torch.randn(samples, LATENT_SIZE, device=self.device)
         self._estimator_back(self.rollout.estimator_batch(first, last, noise))
         self._workers.average(self.estimator_block.gradient)
         self._estimator_on()
@@ -265,7 +267,7 @@ class EstimatorPpo:
     def _estimator_gradient(self, batch: EstimatorBatch) -> None:
         gradients, parts = estimator_gradients(self.actor, batch)
         self.estimator_block.write(gradients)
-        self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
+        self._loss_sums[4:] += parts / (ESTIMATOR_EPOCHS * self.settings.ppo.mini_batches)
 
     @torch.no_grad()
     def _estimator_step(self) -> None:

@@ -18,6 +18,14 @@ from sprintlab.training.learner.networks import CONTACT_START, LOG_VARIANCE_RANG
 from sprintlab.training.settings import PpoSettings
 
 LEARNING_RATE_RANGE = (1e-5, 1e-2)
+GAE_LAMBDA = 0.95
+"""Lambda of the generalized advantage estimate."""
+CLIP = 0.2
+"""Clip range of the likelihood ratio."""
+ENTROPY_WEIGHT = 0.005
+"""Weight of the entropy bonus."""
+LOW_NOISE_SCALE = 0.25
+"""Factor of the action noise of robots that act with less noise."""
 CONTACT_WEIGHT = 0.2
 """Weight of the contacts' cross-entropy in the estimator's loss."""
 LATENT_WEIGHT = 1e-3
@@ -43,7 +51,7 @@ def noise_scale_per_env(robots: int, settings: PpoSettings) -> torch.Tensor:
     """Factor of the action noise of each robot ``(robots,)``: those with little noise spread evenly."""
     place = torch.arange(robots + 1, dtype=torch.float64) * settings.low_noise_fraction + 1e-9
     low = place.floor().diff() > 0.0
-    return torch.where(low, settings.low_noise_scale, 1.0)
+    return torch.where(low, LOW_NOISE_SCALE, 1.0)
 
 
 def divergence(
@@ -71,7 +79,7 @@ def generalized_advantages(
             was broken ``(n, T)``.
         time_outs: 1 where the episode was truncated: its future is bootstrapped ``(n, T)``.
         last_value: value estimate of the states after the last step ``(n,)``.
-        settings: discount and lambda.
+        settings: discount.
     """
     rewards = rewards + settings.discount * values * time_outs
     not_done = 1.0 - ends
@@ -79,7 +87,7 @@ def generalized_advantages(
     for step in range(rewards.shape[1] - 1, -1, -1):
         discounted = not_done[:, step] * settings.discount
         td_error = rewards[:, step] + discounted * following - values[:, step]
-        advantage = td_error + discounted * settings.gae * advantage
+        advantage = td_error + discounted * GAE_LAMBDA * advantage
         following = values[:, step]
         columns.append(advantage)
     return torch.stack(columns[::-1], 1)
@@ -140,14 +148,13 @@ def policy_losses(
     value: torch.Tensor,
     batch: PolicyBatch,
     old_std: torch.Tensor,
-    settings: PpoSettings,
 ) -> PolicyLosses:
     """Losses of mean actions ``(m, k)``, the policy's deviations ``(k,)`` and values ``(m,)``.
 
     Entropy and divergence are those of the policy with all its noise: a few robots with little noise, for
     whom the same change of the mean is many deviations, shall not set the pace.
     """
-    samples, clip = len(value), settings.clip
+    samples, clip = len(value), CLIP
     noise = robot_noise(std, batch.noise_scale)
     scaled = (batch.action - mean) / noise
     ratio = torch.exp(log_probability(batch.action, mean, noise) - batch.log_probability)
@@ -167,7 +174,7 @@ def policy_losses(
     return PolicyLosses(
         parts=torch.stack(parts),
         mean=by_log_probability * scaled,
-        std=by_std - settings.entropy / std,
+        std=by_std - ENTROPY_WEIGHT / std,
         value=by_value * (2.0 / samples),
     )
 
@@ -179,7 +186,7 @@ def policy_gradients(
     precision = precision_of(settings)
     mean, decisions = actor.policy.recorded(actor.normalizer(batch.actor_input), precision)
     value, valuations = critic.value.recorded(critic.normalizer(batch.privileged), precision)
-    losses = policy_losses(mean, actor.std, value[:, 0], batch, old_std, settings)
+    losses = policy_losses(mean, actor.std, value[:, 0], batch, old_std)
     scale = loss_scale(len(mean))
     of_policy, _ = actor.policy.gradients(decisions, scale * losses.mean)
     of_critic, _ = critic.value.gradients(valuations, scale * losses.value[:, None])

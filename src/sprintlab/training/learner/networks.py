@@ -31,7 +31,12 @@ VELOCITY_SIZE, CONTACT_START = 3, 4
 VELOCITY_SCALE, HEIGHT_SCALE = 0.5, 10.0
 """What the estimator learns is multiplied with, per m/s and per metre: unscaled, the squared error of 12 m/s
 would drown all else."""
-LARGEST_STD = 1.5
+LATENT_SIZE = 16
+"""Size of ``z``, the paper's."""
+DECODER = (64, 128)
+"""Widths of the decoder's layers, after DreamWaQ's open implementations."""
+INITIAL_STD, LARGEST_STD = 0.8, 1.5
+"""Standard deviation of the action noise at the start of a run, and its limit in any."""
 LARGEST_NORMALIZED = 10.0
 LOG_VARIANCE_RANGE = (-8.0, 4.0)
 
@@ -128,15 +133,15 @@ class Estimator(nn.Module):
         self, observation: Observation, settings: EstimatorSettings, height: float, symmetric: bool = False
     ) -> None:
         super().__init__()
-        self._height, self._sizes = height, (ESTIMATE_SIZE, settings.latent, settings.latent)
+        self._height, self._sizes = height, (ESTIMATE_SIZE, LATENT_SIZE, LATENT_SIZE)
 
         def basis(*mirrors: Mirror) -> Basis:
             return _basis(symmetric, *mirrors)
 
-        frame, latent = frame_mirror(observation), paired(settings.latent)
+        frame, latent = frame_mirror(observation), paired(LATENT_SIZE)
         history, encoding = [frame] * observation.history_length, (ESTIMATE_MIRROR, latent, latent)
         self.encoder = Perceptron(basis(*history), settings.encoder, basis(*encoding))
-        self.decoder = Perceptron(basis(ESTIMATE_MIRROR, latent), settings.decoder, basis(frame))
+        self.decoder = Perceptron(basis(ESTIMATE_MIRROR, latent), DECODER, basis(frame))
 
     def forward(self, history: torch.Tensor) -> Encoding:
         """Encode normalized histories ``(n, H * 45)``."""
@@ -178,17 +183,16 @@ class Actor(nn.Module):
         self.symmetric = ppo.symmetric
         known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
         handedness = _handedness(self.symmetric)
-        others = estimator.latent + len(handedness)
+        others = LATENT_SIZE + len(handedness)
         self.normalizer = Normalizer(known.size, known if self.symmetric else None, others)
         self.estimator = Estimator(observation, estimator, height, self.symmetric)
-        seen = (known, paired(estimator.latent), *handedness)
+        seen = (known, paired(LATENT_SIZE), *handedness)
         self.policy = Perceptron(
             _basis(self.symmetric, *seen), ppo.hidden, _basis(self.symmetric, joint_mirror(joints))
         )
-        self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
+        self.std = nn.Parameter(torch.full((joints,), INITIAL_STD))
         self.register_buffer("seen", torch.ones(self.frame_size), persistent=False)
-        if not estimator.sees_command:
-            self.seen[observation.place("command")] = 0.0
+        self.seen[observation.place("command")] = 0.0
 
     def normalized_frames(self, frames: torch.Tensor) -> torch.Tensor:
         """Frames ``(n, k * 45)`` as the estimator sees them: normalized with the statistics of one frame."""

@@ -6,6 +6,7 @@ import torch
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
+from sprintlab.training.learner.networks import LATENT_SIZE
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -34,7 +35,7 @@ class Rollout:
         joints, known = observation.joints, observation.frame_size + ESTIMATE_SIZE
         handedness = int(settings.ppo.symmetric)
         self.history = zeros(observation.input_size)
-        self.actor_input = zeros(known + settings.estimator.latent + handedness)
+        self.actor_input = zeros(known + LATENT_SIZE + handedness)
         self.privileged = zeros(known + handedness)
         self.action, self.mean = zeros(joints), zeros(joints)
         self.next_frame = zeros(observation.frame_size)

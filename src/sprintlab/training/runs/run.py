@@ -159,7 +159,7 @@ def _loop(
         _show(runner.iterate(), runner, reporter, clips)
         if runner.workers.leads:
             keep_milestone(runner, options, before)
-        over = runner.share >= 1.0 or runner.hopeless
+        over = runner.share >= 1.0
         due = time.monotonic() - saved >= options.save_seconds
         over, stopped, due = runner.workers.any_of([over, bool(stop), due])
         ended = over or stopped

@@ -28,6 +28,7 @@ from sprintlab.training.learner.metric_buffer import joined
 from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
 from sprintlab.training.runs.options import RunLength
 from sprintlab.training.runs.stopwatch import Stopwatch
+from sprintlab.training.scaling import speed_scale
 from sprintlab.training.settings import TrainingSettings
 
 _PACKAGES = ("torch", "mujoco", "numpy")
@@ -45,7 +46,15 @@ def package_versions() -> dict[str, str]:
 
 EQUAL_SPEED = 0.05
 """Held speeds that differ by less are equal, and the cost of transport decides [m/s]."""
-_HALF = 0.5
+RANGE_GROWTH, GROWTH_MARGIN = 0.1, 1.0
+"""The range grows by so much an iteration while the fastest 0.1 % are within the margin of its top [m/s], for
+the robot that the settings are for; for others by ``scaling``."""
+GATED_TOP = 12.0
+"""Beyond this speed the range opens only while feet and gears hold [m/s]; scaled likewise."""
+EARLIEST_STAGE_TWO, BLENDED_OVER = 250, 250
+"""Stage II starts at this iteration at the soonest; its weights are blended in over so many."""
+AVERAGED_OVER = 250
+"""The exported policy is the mean of the weights over about so many iterations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,12 +111,14 @@ class Runner:
         self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
         self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
-        self.growth = RangeGrowth(increment=stages.growth, margin=stages.growth_margin)
+        pace = speed_scale(self.environment.robot)
+        self.growth = RangeGrowth(increment=pace * RANGE_GROWTH, margin=pace * GROWTH_MARGIN)
+        self._gated_top = pace * GATED_TOP
         self.blend = StageBlend(
             first_top=stages.first_top,
             second_top=stages.second_top,
-            earliest_iteration=stages.earliest_iteration,
-            ramp_iterations=stages.ramp_iterations,
+            earliest_iteration=EARLIEST_STAGE_TWO,
+            ramp_iterations=BLENDED_OVER,
         )
         self.chances = None if settings.constraints is None else Chances(settings.constraints)
         self.progress = Progress()
@@ -203,22 +214,13 @@ class Runner:
         return self._exam
 
     @property
-    def hopeless(self) -> bool:
-        """Whether half of the run is over and no exam has held the speed that the settings ask for."""
-        settings = self.settings.exam
-        if settings is None or settings.hopeless is None or self.last_exam is None:
-            return False
-        held = 0.0 if self.best is None else self.best.held
-        return self.share >= _HALF and held < settings.hopeless
-
-    @property
     def chosen(self) -> dict[str, torch.Tensor]:
         """Weights of the policy that is exported: that of the best exam, else the present mean."""
         return self.mean if self.best is None else self.best.policy
 
     def _may_open(self) -> bool:
         """Whether the range of speeds may grow: far up only while feet and gears hold."""
-        gated = self.growth.upper >= self.settings.stages.gated_top
+        gated = self.growth.upper >= self._gated_top
         return self.chances is None or not gated or self.chances.held
 
     def _agreed(self, seconds: float) -> float:
@@ -232,7 +234,7 @@ class Runner:
     @torch.no_grad()
     def _average(self) -> None:
         """Let the mean of the weights follow; of the first iterations it is the plain mean."""
-        weight = 1.0 / min(self.progress.iteration, self.settings.ppo.averaging_iterations)
+        weight = 1.0 / min(self.progress.iteration, AVERAGED_OVER)
         now = self.learner.actor.state_dict()
         for name, value in self.mean.items():
             value.lerp_(now[name], weight)
