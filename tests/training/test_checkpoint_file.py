@@ -77,7 +77,7 @@ class Evil:
 
 def test_a_pickle_is_not_opened(tmp_path: Path) -> None:
     mark, path = tmp_path / "ran", tmp_path / "checkpoint.pt"
-    torch.save({"format": 7, "state": Evil(mark)}, path)
+    torch.save({"format": 8, "state": Evil(mark)}, path)
     with pytest.raises(SprintlabError, match="not a checkpoint"):
         read_checkpoint(path)
     path.write_bytes(pickle.dumps(Evil(mark), protocol=2))
@@ -100,5 +100,5 @@ def test_a_function_that_is_not_imported_is_told_in_one_sentence(path: Path, fun
 
 def test_another_format_is_named(path: Path) -> None:
     torch.save({"format": 4, "state": {}}, path)
-    with pytest.raises(SprintlabError, match="format 4; this version reads 7"):
+    with pytest.raises(SprintlabError, match="format 4; this version reads 8"):
         read_checkpoint(path)

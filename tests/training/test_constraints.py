@@ -94,13 +94,13 @@ def test_only_the_chances_of_the_own_phase_count_and_constraints_multiply() -> N
 
 def test_a_soft_end_discounts_the_future_by_hand() -> None:
     """Two steps; a quarter of the future ends with the first: worked out on paper."""
-    settings = PpoSettings(discount=0.9, gae=0.5)
+    settings = PpoSettings(discount=0.9)
     rewards, values = torch.tensor([[1.0, 2.0]]), torch.tensor([[3.0, 4.0]])
     found = generalized_advantages(
         rewards, values, torch.tensor([[0.25, 0.0]]), torch.zeros(1, 2), torch.tensor([5.0]), settings
     )
     second = 2.0 + 0.9 * 5.0 - 4.0
-    first = 1.0 + 0.75 * 0.9 * 4.0 - 3.0 + 0.75 * 0.9 * 0.5 * second
+    first = 1.0 + 0.75 * 0.9 * 4.0 - 3.0 + 0.75 * 0.9 * 0.95 * second
     torch.testing.assert_close(found, torch.tensor([[first, second]]))
 
 

@@ -55,7 +55,7 @@ def method(
 
     Args:
         name: acs, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
-        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
+        changes: dotted names of settings to values: ``{"ppo.steps": 16, "reward.progress.weight": 1.0}``.
         robot: name, folder or table; lengths, speeds and masses are scaled to it.
         environments: robots side by side.
         seed: seed of every random generator.

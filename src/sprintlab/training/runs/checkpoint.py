@@ -21,7 +21,7 @@ from sprintlab.robots import RobotDescription, robot_fingerprint
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import from_plain, to_plain
 
-CHECKPOINT_FORMAT = 7
+CHECKPOINT_FORMAT = 8
 MOST_ITERATIONS = 30_000
 """Most iterations of a run; its log holds 64 values of each."""
 
