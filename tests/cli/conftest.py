@@ -1,9 +1,7 @@
 """A way to call the command in this process, and a race of a policy that stands still."""
 
 import copy
-import errno
 import importlib
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,16 +20,6 @@ from sprintlab.robots import RobotDescription
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run ``sprintlab ARGUMENTS`` and return status, stdout and stderr."""
     return caller(main, capsys)
-
-
-@pytest.fixture
-def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that takes names, but no content: what is asked before any work finds it free."""
-
-    def full(_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("sprintlab.core.files.os.fsync", full)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import namedtuple
-from importlib import metadata
 
 import pytest
 
@@ -57,13 +56,6 @@ def test_a_gpu_that_pytorch_cannot_use_is_a_fault(call, monkeypatch):
     assert outcome.status == 1 and found["GPU driver"]["state"] == "ok"
     assert (found["CUDA"]["state"], found["CUDA"]["found"]) == ("broken", "RuntimeError: no GPU here")
     assert "pytorch.org" in found["CUDA"]["advice"]
-
-
-def test_a_package_that_is_not_installed_says_how_to_get_it():
-    assert doctor.package_outcome("numpy", "") == ("ok", metadata.version("numpy"), "")
-    absent = ("missing", "not installed", "pip install 'sprintlab[train]'")
-    assert doctor.package_outcome("absent", "train") == absent
-    assert doctor.package_outcome("absent", "")[0] == "broken"
 
 
 def test_a_full_or_read_only_disk_is_a_fault(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """A command that is asked to terminate tidies up first; one that drives a robot counts what it is asked."""
 
 import contextlib
-import json
 import os
 import signal
 import subprocess
@@ -12,7 +11,6 @@ import pytest
 
 from sprintlab.api import robot_bus
 from sprintlab.api.interruptions import counted_interruptions, tidy_termination
-from sprintlab.cli.main import main
 from sprintlab.deployment.controller.loop import LoopReport
 from sprintlab.deployment.controller.modes import Mode
 
@@ -59,20 +57,6 @@ def test_one_request_that_is_told_in_several_signals_counts_once(numbers, counte
         assert count() == counted
 
 
-def test_who_asks_again_while_a_robot_is_left_is_told_its_numbers_all_the_same(monkeypatch, capsys):
-    class Leaving:
-        def close(self):
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGHUP):
-                os.kill(os.getpid(), number)
-
-    report = SimpleNamespace(to_dict=lambda: {"duration": 1.0}, fall_reason="")
-    monkeypatch.setattr("sprintlab.deployment.transports.open_endpoint", lambda bus: Leaving())
-    monkeypatch.setattr("sprintlab.deployment.simulator.SimulatedWorld", lambda *_: None)
-    monkeypatch.setattr("sprintlab.deployment.simulator.run_simulator", lambda *_, **__: report)
-    assert main(["robot-sim", "--lock-step", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"duration": 1.0}
-
-
 def test_the_status_line_survives_its_terminal(monkeypatch):
     """An error in it would end the loop in full run."""
     controlling, terminal = os.openpty()
@@ -86,13 +70,12 @@ def test_the_status_line_survives_its_terminal(monkeypatch):
             show(controller, LoopReport())
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_race_that_is_terminated_leaves_nothing(tmp_path, number):
+def test_a_race_that_is_terminated_leaves_nothing(tmp_path):
     race = subprocess.Popen([sys.executable, "-c", CODE], cwd=tmp_path, stdout=subprocess.PIPE)
     assert race.stdout is not None and race.stdout.readline() == b"filling\n"
-    os.kill(race.pid, number)
+    os.kill(race.pid, signal.SIGHUP)
     race.communicate(timeout=300)
-    assert race.returncode == 128 + number
+    assert race.returncode == 128 + signal.SIGHUP
     assert not list(tmp_path.iterdir())
 
 

@@ -22,7 +22,7 @@ def test_turning_is_mapped(call, policy, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("short_trials")
-def test_a_lap_leaves_its_recording_or_at_least_its_numbers(call, policy, tmp_path, monkeypatch):
+def test_a_lap_leaves_its_recording(call, policy, tmp_path, monkeypatch):
     # Who stands has failed the sooner, the earlier a lap must be finished.
     monkeypatch.setattr("sprintlab.evaluation.lap.LapCourse.latest_finish", 6.0)  # s
     recording = tmp_path / "lap.npz"
@@ -30,16 +30,6 @@ def test_a_lap_leaves_its_recording_or_at_least_its_numbers(call, policy, tmp_pa
     assert f"sprintlab replay {recording}" in " ".join(outcome.out.split())
     with np.load(recording) as arrays:
         assert {"time", "qpos", "command"} <= set(arrays)
-
-    def full(path, trajectory):
-        from sprintlab.core.errors import UnwrittenError
-
-        raise UnwrittenError(f"cannot write {path}: No space left on device")
-
-    monkeypatch.setattr("sprintlab.evaluation.race_files.save_trajectory", full)
-    outcome = call("lap", policy, "--top-speed", 14, "--recording", tmp_path / "other.npz")
-    assert outcome.status == 2 and "other.npz: No space left on device" in outcome.err
-    assert "energy" in outcome.out and "recording" not in outcome.out
 
 
 def test_one_line_a_ground(call, policy, monkeypatch):

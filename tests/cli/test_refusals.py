@@ -47,7 +47,6 @@ MOTORS = "--abad-motor motor.toml --hip-motor motor.toml --knee-motor motor.toml
 GEARS = "--abad-gear 6 --hip-gear 6 --knee-gear 9"
 REFUSED = (
     ("train bp2 --method gallop", "method"),
-    ("train nodog", "nodog"),
     ("train --output file/run", "cannot write"),
     ("sweep s --methods sprinting --dry-run", "sprinting"),
     ("sweep s --set ppo.steps --dry-run", "expected e.g. ppo.steps=8"),
@@ -56,20 +55,15 @@ REFUSED = (
     ("race broken.onnx", "damaged"),
     ("race other.onnx", "stiffness"),
     ("race lost.onnx", "lost.onnx is for robot 'mydog'"),
-    ("evaluate go1-sprint --robot bp2", "robot_name differs"),
     ("race --robot half.toml", "half.toml"),
     ("race --top-speed 1e9", "top_speed"),
-    ("race --output file/run", "cannot write"),
     ("race --output lost", "lost exists already"),
     ("evaluate sprint --battery --state-of-charge 50", "plant.state_of_charge"),
     ("race --supply none.toml", "cannot read supply file none.toml"),
     ("evaluate sprint --output .", "it is a folder"),
     ("turning sprint --speeds 99", "turning.speeds"),
-    ("turning sprint --figure picture.gif", ".png"),
     ("lap sprint --top-speed 0.5", "lap.top_speed"),
-    ("ground sprint --top-speed 99", "ground.top_speed"),
     ("robustness --output file", "another"),
-    ("limit nodog", "robot 'nodog' is unknown"),
     ("motor envelope bp2 ankle", "knee"),
     ("motor envelope spot", "mit-mini-cheetah"),
     ("motor show motor.toml", "bus_voltage is not given"),
@@ -88,7 +82,6 @@ REFUSED = (
     ("run sprint http://bp2", "choose one of shm, unitree"),
     ("run --source profile:missing.csv", "missing.csv"),
     ("run --distance -1", "distance"),
-    ("run go1-sprint shm://not-here --robot bp2", "the policy has 'go1', robot bp2 has 'bp2'"),
     ("run --despite-audit slow", "--despite-audit names 'slow', but the policy is 'sprint'"),
     ("run sprint shm://not-here --log file", "exists already"),
     ("robot-sim shm://no --truth t.npz", "give --duration too"),
@@ -178,18 +171,17 @@ def test_nan_in_a_trajectory(call, tmp_path, policy, computed):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("file", ["trajectory.npz", "speed.png"])
 @pytest.mark.usefixtures("computed", "blank_pictures")
-def test_the_numbers_of_a_race_are_not_lost_with_its_report(call, tmp_path, policy, monkeypatch, file):
+def test_the_numbers_of_a_race_are_not_lost_with_its_report(call, tmp_path, policy, monkeypatch):
     replace = os.replace
 
     def replace_or_fail(source, target):
-        if str(target).endswith(file):
+        if str(target).endswith("speed.png"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return replace(source, target)
 
     monkeypatch.setattr(os, "replace", replace_or_fail)
     outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
     assert "Exploit audit" in outcome.out and "report:" not in outcome.out
-    assert outcome.status == 2 and "No space left" in outcome.err and file in outcome.err
+    assert outcome.status == 2 and "No space left" in outcome.err and "speed.png" in outcome.err
     assert list(tmp_path.iterdir()) == []

@@ -47,18 +47,3 @@ def test_what_nothing_says_is_asked_at_a_terminal(call, here, monkeypatch):
     made = call("robot", "new", GO1 / "go1.xml", *OPTIONS[:-2])
     assert made.status == 0, made.err
     assert sl.load_robot("go1").bus_voltage == 24.0 and not list(answers)
-
-
-def test_choices_made_in_python_make_a_robot(tmp_path):
-    joint = sl.JointChoice(motor=str(GO1 / "motor.toml"), gear_ratio=6)
-    joints = {"abad": joint, "hip": joint, "knee": joint}
-    made = sl.import_robot(
-        GO1 / "go1.xml",
-        choices=sl.RobotChoices(name="mydog", bus_voltage=24, joints=joints),
-        output=tmp_path,
-    )
-    found = made.found
-    assert found.folder == tmp_path / "mydog" and found.robot.total_mass == pytest.approx(12.74, abs=0.01)
-    assert {check["what"] for check in made.to_dict()["checks"]} >= {"mass", "feet"}
-    with pytest.raises(sl.SprintlabError, match="exists"):
-        sl.import_robot(GO1 / "go1.xml", choices=GO1 / "choices.toml", name="mydog", output=tmp_path)

@@ -6,9 +6,6 @@ import json
 
 import pytest
 
-import sprintlab as sl
-from sprintlab.training.settings_text import settings_toml
-
 
 def dry(call, *words):
     outcome = call("train", *words, "--dry-run", "--json")
@@ -30,25 +27,6 @@ def test_the_settings_of_a_dry_run_train_the_same(call, tmp_path):
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     again = call("train", "bp2", "--settings", tmp_path / "run.toml", "--dry-run").out
     assert again == text and "steps = 8" in text
-
-
-def test_a_method_is_changed_by_dotted_names():
-    settings = sl.method("baseline", {"ppo.steps": 16}, robot="go1", environments=64)
-    assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
-    assert settings.simulation.environments == 64
-    with pytest.raises(sl.SprintlabError, match="acs"):
-        sl.method("sprnt")
-    with pytest.raises(sl.SprintlabError, match=r"ppo\.stepz.*choose among steps"):
-        sl.method("acs", {"ppo.stepz": 16})
-
-
-def test_settings_made_in_python_are_trained_as_they_are(tmp_path):
-    made = sl.method("acs", {"ppo.steps": 16}, seed=5)
-    found = sl.train(made, dry_run=True)
-    assert found.to_dict()["ppo"]["steps"] == 16 and found.to_dict()["seed"] == 5
-    assert "steps = 16" in settings_toml(made)
-    with pytest.raises(sl.SprintlabError, match="robot"):
-        sl.train(3, dry_run=True)
 
 
 def listed(call, *arguments):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -28,7 +27,7 @@ from sprintlab.deployment.messages import (
 )
 from sprintlab.deployment.operators.base import CommandSource, OperatorCommand, Request, SourceView
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
-from sprintlab.deployment.transports import open_bus, open_endpoint, unitree_ends
+from sprintlab.deployment.transports import unitree_ends
 from sprintlab.deployment.transports.ends import COMMAND, STATE, Carrier
 from sprintlab.deployment.transports.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.motors import torque_limits
@@ -100,7 +99,7 @@ class Rig:
     """Controller and simulated robot, stepped together.
 
     Each hook may change what passes: the states that arrive, the command on its way (None: lost), the
-    milliseconds until the next step, the position fix, the bytes on the bus, where there is one.
+    milliseconds until the next step, the position fix.
     """
 
     robot: RobotDescription
@@ -112,8 +111,6 @@ class Rig:
     on_command: Callable[[JointCommand], JointCommand | None] = lambda command: command
     on_fix: Callable[[PositionFix | None], PositionFix | None] = lambda fix: fix
     pause: Callable[[], int] = lambda: 1
-    on_bytes: Callable[[bytes], bytes] = lambda content: content
-    on_command_bytes: Callable[[bytes], bytes] = lambda content: content
     ticks: list[ControlTick] = field(default_factory=list)
     bus: tuple[Any, Any] | None = None
     heard: tuple[RobotState | None, float] = (None, 0.0)
@@ -123,17 +120,6 @@ class Rig:
     def speed(self) -> float:
         """Speed of the trunk along x [m/s]."""
         return float(self.simulated.plant.data.qvel[0])
-
-    def carry_over(self, bus: tuple[Any, Any]) -> None:
-        """From now on messages take a bus, whose bytes pass the hooks."""
-        self.bus = interface, endpoint = bus
-        for end, channel, hook in ((endpoint, STATE, "on_bytes"), (interface, COMMAND, "on_command_bytes")):
-            end.carrier.put = self._hooked(end.carrier.put, channel, hook)
-
-    def _hooked(self, put: Callable[..., None], changed: str, hook: str) -> Callable[[str, bytes], None]:
-        return lambda channel, content: put(
-            channel, getattr(self, hook)(content) if channel == changed else content
-        )
 
     def step(self) -> ControlTick:
         """One step of the controller, then of the robot until the controller's next one."""
@@ -340,7 +326,7 @@ def running_on_unitree(running: Rig, monkeypatch: pytest.MonkeyPatch) -> Rig:
     """The gallop, continued over 1000 of Unitree's messages a second, as if they had carried it so far."""
     monkeypatch.setattr(unitree_ends, "_SLACK", unitree_ends.PERIOD)
     interface, endpoint = loopback(running.controller.session)
-    running.carry_over((interface, endpoint))
+    running.bus = interface, endpoint
     state, numbers = running.controller.state, interface._numbers
     milliseconds = state.timestamp // MILLISECOND
     numbers._last, numbers._time, numbers._number = milliseconds % 2**32, milliseconds, state.sequence
@@ -349,21 +335,6 @@ def running_on_unitree(running: Rig, monkeypatch: pytest.MonkeyPatch) -> Rig:
     command = running.simulated._command
     running.simulated._command = replace(command, session=endpoint.carrier.author, sequence=0)
     return running
-
-
-@pytest.fixture(params=["shm", "unitree"])
-def running_on_bus(request: pytest.FixtureRequest, running: Rig, bus_name: str) -> Iterator[Rig]:
-    """The gallop, continued with a bus between controller and robot."""
-    if request.param == "unitree":
-        yield request.getfixturevalue("running_on_unitree")
-        return
-    address = f"shm://{bus_name}"
-    with (
-        closing(open_endpoint(address)) as endpoint,
-        closing(open_bus(address, session=running.controller.session)) as interface,
-    ):
-        running.carry_over((interface, endpoint))
-        yield running
 
 
 @pytest.fixture

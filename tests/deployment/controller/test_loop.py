@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import gc
 import itertools
 import os
 from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
+from tests.deployment.clock import FakeClock
 
 from sprintlab.deployment.controller import LoopOptions, realtime, run_loop
-from sprintlab.deployment.controller.loop import PERCENTILES, LatencyHistogram
-from sprintlab.deployment.controller.realtime import lacking, real_time
+from sprintlab.deployment.controller.realtime import lacking
 from sprintlab.deployment.messages import JointMode
 from sprintlab.deployment.operators.base import OperatorCommand, Request
 
@@ -163,22 +160,6 @@ def test_a_robot_that_cannot_be_driven_is_left_alone(start, robot, end):
     assert {command.mode for command in bus.sent} == {JointMode.OFF}
 
 
-class FakeClock:
-    """Time that passes only in a sleep: the machine's load plays no part."""
-
-    def __init__(self):
-        self.now = 5_000_000_000
-
-    def monotonic_ns(self):
-        return self.now
-
-    def monotonic(self):
-        return 1e-9 * self.now
-
-    def sleep(self, seconds):
-        self.now += round(1e9 * seconds)
-
-
 def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     controller, bus = start(Sleeper())
     clock, slow = FakeClock(), 0
@@ -201,13 +182,6 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     assert data["compute"]["count"] == report.steps and data["policy_step"]["max"] is None
 
 
-@pytest.mark.usefixtures("unlocked_memory")
-def test_the_garbage_collector_stays_out_and_comes_back():
-    with real_time(None) as grant:
-        assert not gc.isenabled() and grant.priority is None
-    assert gc.isenabled()
-
-
 def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
@@ -224,16 +198,3 @@ def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
     assert "real-time priority is not permitted" in remark
     assert any("core 900" in remark for remark in lacking(None, 900))
     assert os.sched_getaffinity(0) == before
-
-
-@settings(max_examples=20)
-@given(st.lists(st.floats(0.0, 0.09), min_size=1, max_size=50))
-def test_percentiles_are_those_of_the_durations_to_a_microsecond(durations):
-    histogram = LatencyHistogram()
-    for duration in durations:
-        histogram.add(duration)
-    found = histogram.to_dict()
-    for percent in PERCENTILES:
-        exact = 1e6 * np.percentile(durations, percent, method="inverted_cdf")
-        assert exact - 0.1 <= found[f"p{percent:g}"] <= exact + 1.1
-    assert found["max"] == pytest.approx(1e6 * max(durations), abs=0.1) and found["count"] == len(durations)

@@ -78,13 +78,6 @@ POSES = st.lists(
 ).map(lambda legs: np.array(legs).reshape(-1))
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-@given(pose=POSES)
-def test_a_pose_leads_to_feet_that_lead_back_to_it(robot, pose):
-    legs = Legs(robot)
-    np.testing.assert_allclose(legs.pose(legs.feet(pose)), pose, atol=1e-9)
-
-
 def placed(robot, pose, quaternion=(1.0, 0.0, 0.0, 0.0)):
     """The model of a robot in a pose, at rest, and its feet from the trunk (4, 3) [m]."""
     model = build_model(robot, ModelOptions())

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.deployment.messages import make_state
 
-from sprintlab.deployment.guard import Fault, Persistence, StateMonitor, VelocityLimiter
+from sprintlab.deployment.guard import Fault, StateMonitor, VelocityLimiter
 from sprintlab.robots import load_robot
 
 BP2 = load_robot("bp2")
@@ -76,12 +76,6 @@ def test_a_state_of_another_robot_is_implausible():
     for state in (make_state(), make_state(joint_position=np.zeros(13))):
         assert monitor.accept(state, 0.0) == [Fault.STATE_IMPLAUSIBLE]
     assert monitor.last is None
-
-
-def test_persistence_needs_an_unbroken_condition():
-    timer = Persistence(0.003)
-    seen = [timer.update(condition, 0.001 * k) for k, condition in enumerate([1, 1, 0, 1, 1, 1, 1, 1])]
-    assert seen == [False, False, False, False, False, False, True, True]
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=40))

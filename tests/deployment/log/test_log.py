@@ -128,24 +128,9 @@ def test_a_wrong_bit_and_another_file_are_noticed(path):
             read_log(path)
 
 
-def test_an_existing_file_is_not_overwritten(path, monkeypatch):
-    path.write_text("precious")
-    for _ in range(2):
-        with pytest.raises(LogError, match="exists"):
-            McapRunLog(path, FACTS)
-        monkeypatch.setattr("sprintlab.deployment.log.writer.check_new_log", lambda path: None)  # too early
-    assert path.read_text() == "precious"
-
-
 def test_a_run_that_ends_before_its_first_step_leaves_no_log(path):
     McapRunLog(path, FACTS).close()
     assert not path.exists()
-
-
-def test_without_the_package_the_extra_is_named(path, monkeypatch):
-    monkeypatch.setattr("sprintlab.deployment.log.writer.find_spec", lambda name: None)
-    with pytest.raises(LogError, match=r"sprintlab\[log\]"):
-        McapRunLog(path, FACTS)
 
 
 def test_what_the_writer_cannot_take_is_dropped_and_counted(path):

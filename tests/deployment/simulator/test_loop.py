@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.deployment.messages import make_command, make_fix, make_state
+from tests.deployment.clock import FakeClock
+from tests.deployment.messages import make_command
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.simulator import (
@@ -53,12 +54,12 @@ def test_the_lost_share_is_as_asked_and_the_seed_decides_which():
 
 
 class Endpoint:
-    """A robot's end at which commands wait. What is published is lost, or answered from some message on."""
+    """A robot's end at which commands wait, and that is not answered."""
 
     peer_left, carrier = False, SimpleNamespace(ready=True)
 
-    def __init__(self, *waiting, lost=10**6):
-        self.waiting, self.lost, self.published, self.fixes = list(waiting), lost, [], []
+    def __init__(self, *waiting):
+        self.waiting, self.published = list(waiting), []
         self.refused = Counter()
 
     def receive_command(self):
@@ -66,28 +67,10 @@ class Endpoint:
 
     def publish(self, state):
         self.published.append(state.sequence)
-        if len(self.published) > self.lost:
-            self.waiting.append(SimpleNamespace(state_sequence=state.sequence))
         return True
 
     def publish_fix(self, fix):
-        self.fixes.append(fix.sequence)
-
-
-class FakeClock:
-    """Time that passes only in a sleep, which takes a little longer than it should."""
-
-    def __init__(self, extra=0.0):
-        self.now, self.extra = 100.0, extra
-
-    def monotonic(self):
-        return self.now
-
-    def monotonic_ns(self):
-        return round(1e9 * self.now)
-
-    def sleep(self, seconds):
-        self.now += seconds + self.extra
+        """It is lost."""
 
 
 def world_of(**options):
@@ -115,37 +98,8 @@ def test_each_reason_for_a_dropped_command_is_told_once_and_counted(monkeypatch)
     assert report.simulated_time == pytest.approx(0.3) and len(endpoint.published) == 300
 
 
-class World:
-    """Messages that wait, and the answers to them."""
-
-    time, robot = 0.0, SimpleNamespace(plant=SimpleNamespace(options=SimpleNamespace(motor_rate=1000.0)))
-
-    def __init__(self, *messages):
-        self.waiting, self.commands = list(messages), []
-
-    def messages(self, timestamp):
-        return self.waiting
-
-    def hand_over(self, command):
-        self.commands.append(command)
-
-
-@pytest.fixture
-def lock_step(monkeypatch):
-    """Makes a robot in lock-step."""
+def test_a_robot_in_lock_step_that_is_not_answered_gives_up(monkeypatch):
     monkeypatch.setattr(loop, "time", FakeClock())
-    return lambda world, endpoint: loop._Run(world, endpoint, PaceOptions(lock_step=True), lambda: False)
-
-
-def test_a_state_that_was_lost_is_sent_again_and_a_fix_is_not(lock_step):
-    """The controller takes a fix that came twice for an old one, which is a fault."""
-    world, endpoint = World(make_fix(4), make_state(1)), Endpoint(lost=2)
-    assert lock_step(world, endpoint).answered()
-    assert endpoint.published == [1] * 3 and endpoint.fixes == [4]
-    assert len(world.commands) == 1
-
-
-def test_a_robot_that_is_not_answered_gives_up(lock_step):
-    run = lock_step(World(make_state(2)), Endpoint(make_command(1, state_sequence=1)))  # of another state
+    endpoint = Endpoint(make_command(1, state_sequence=0))  # the answer to another state
     with pytest.raises(SprintlabError, match="has not answered"):
-        run.answered()
+        run_simulator(world_of(), endpoint, PaceOptions(lock_step=True))

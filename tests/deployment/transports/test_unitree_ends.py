@@ -36,11 +36,8 @@ def command_at(sequence, milliseconds, mode=JointMode.SERVO):
 @pytest.mark.parametrize(
     ("ticks", "expected"),
     [
-        ([10, 11, 13, 14], [1, 2, 3, 4]),
-        ([10, 12, 12], [1, 2, 2]),
         ([10, 12, 20], [1, 2, 6]),
         ([10, 14, 12, 16], [1, 3, 2, 4]),
-        ([10, 12, 11], [1, 2, 1]),
         ([2**32 - 2, 0, 2], [1, 2, 3]),
     ],
 )
@@ -110,7 +107,7 @@ def test_commands_without_a_reader_stop_a_run(running_on_unitree, monkeypatch):
 def test_a_robot_before_its_first_command_is_woken_and_stands_up(make_rig, unitree_loopback):
     """Through the messages from the first one on: stopped motors obey once a harmless command has come."""
     rig = make_rig()
-    rig.carry_over(unitree_loopback(rig.controller.session))
+    rig.bus = unitree_loopback(rig.controller.session)
     first = rig.step()
     assert first.state.status == RobotStatus.WATCHDOG_EXPIRED
     rig.run_until(lambda tick: tick.mode == "stand", 6.0)
