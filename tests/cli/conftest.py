@@ -1,7 +1,6 @@
 """A way to call the command in this process, and a race of a policy that stands still."""
 
 import copy
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,24 +19,6 @@ from sprintlab.robots import RobotDescription
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run ``sprintlab ARGUMENTS`` and return status, stdout and stderr."""
     return caller(main, capsys)
-
-
-@pytest.fixture
-def run_once(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Make a function that runs requests run each of them once, for a test that looks at what is printed."""
-
-    def patch(name: str) -> None:
-        module, _, function = name.rpartition(".")
-        run, kept = getattr(importlib.import_module(module), function), {}
-
-        def run_or_repeat(policy: object, robot: object, request: object) -> object:
-            if repr(request) not in kept:
-                kept[repr(request)] = run(policy, robot, request)
-            return kept[repr(request)]
-
-        monkeypatch.setattr(name, run_or_repeat)
-
-    return patch
 
 
 @pytest.fixture(scope="session")

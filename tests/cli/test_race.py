@@ -1,7 +1,6 @@
 """``sprintlab race`` and ``evaluate``, with a policy that stands still."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -46,21 +45,15 @@ def test_race_prints_json_only_and_writes_nothing_where_no_report_is_wanted(
 
 
 @pytest.mark.usefixtures("brief_trials")
-def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
-    run_once("sprintlab.evaluation.pool.run_request")
-    outcome = call("evaluate", policy, *SEARCH, "--output", tmp_path / "numbers.json")
-    numbers = json.loads((tmp_path / "numbers.json").read_text())
+def test_evaluate_searches_the_highest_speed(call, policy, tmp_path):
+    output, figure = tmp_path / "numbers.json", tmp_path / "speeds.svg"
+    outcome = call("evaluate", policy, *SEARCH, "--output", output, "--figure", figure, "--json")
+    numbers = json.loads(output.read_text())
+    assert json.loads(outcome.out) == {**numbers, "figure": str(figure)}
     assert set(numbers) == {"raw", "self_paced", "battery"}
     assert [row["top_speed_command_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
     assert numbers["raw"]["best"]["top_speed_command_m_s"] == 0.75
     assert numbers["raw"]["J_common_rad2_s"] >= 0.0
-    assert numbers["raw"]["fastest"] in numbers["raw"]["speeds"]
-    assert numbers["raw"]["fastest_with_audit_passed"] is not None
-    assert re.search(r"max velocity +\S+ +\S+ +m/s", outcome.out)
-    assert re.search(r"J common +\S+ +\S+ +rad²/s", outcome.out)
-    figure = tmp_path / "speeds.svg"
-    again = call("evaluate", policy, *SEARCH, "--json", "--figure", figure)
-    assert json.loads(again.out) == {**numbers, "figure": str(figure)}
     assert "commanded top speed" in figure.read_text()
 
 

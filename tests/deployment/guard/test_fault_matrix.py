@@ -167,6 +167,10 @@ def wish(*values: float) -> Callable[[OperatorCommand], OperatorCommand]:
     return lambda command: command._replace(velocity=np.array(values))
 
 
+def broken(stimulus: Stimulus, _: Any) -> Any:
+    raise OSError("no such device")
+
+
 def bad_fix(stimulus: Stimulus, fix: Any) -> Any:
     """The receiver is nowhere from its next fix on."""
     stimulus.begins = fix is not None
@@ -227,10 +231,12 @@ STOPPED = {
         Fault.POLICY_INVALID,
         ("controller._runtime.step", lambda stimulus, seen: np.full(12, np.nan)),
     ),
+    "policy crashes": (Fault.POLICY_INVALID, ("controller._runtime.step", broken)),
     "loop stalls": (Fault.LOOP_STALLED, ("pause", stall)),
 }
 BRAKED = {
     "source silent": (Fault.SOURCE_LOST, source_becomes(lambda command: None)),
+    "source raises": (Fault.SOURCE_LOST, ("source.read", broken)),
     "bus voltage too low": (Fault.BUS_LOW, number("bus_voltage", None, 33.0, times=400)),
     "policy always late": (Fault.POLICY_LATE, ("pause", late_policy)),
 }

@@ -179,6 +179,12 @@ def test_the_stick_moves_only_while_the_dead_man_switch_is_held(pad):
     assert settled(pad[1]).velocity.tolist() == [0.0, 0.0, 0.0]
 
 
+def test_nothing_takes_back_a_stop_of_the_pad(pad):
+    press(pad, STOP, STAND, LIE, RUN)
+    assert pad[1].read(view(1.1, mode="stand")).request == Request.STOP
+    assert pad[1].read(view(1.2, mode="stand")).request == Request.NONE
+
+
 def test_a_run_begins_and_goes_on_only_while_the_dead_man_switch_is_held(pad):
     _, source = pad
     press(pad, SWITCH, kind=0x81)  # down from the start: it may be stuck

@@ -7,7 +7,8 @@ from tests.deployment.messages import make_command
 from sprintlab.core.errors import SimulationError
 from sprintlab.deployment.messages import JointMode, RobotStatus
 from sprintlab.deployment.simulator import TYPICAL_NOISE, SimulatedRobot, SimulatorOptions
-from sprintlab.motors import torque_limits
+from sprintlab.motors import Battery, torque_limits
+from sprintlab.plant import PlantOptions
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
@@ -126,6 +127,13 @@ def test_fixes_come_at_their_rate(rate, moments):
         found += [step] if robot.fix(step) is not None else []
         robot.step()
     assert found == moments
+
+
+def test_the_bus_sags_under_load_where_there_is_a_battery():
+    robot = hanging(plant=PlantOptions(battery=Battery(internal_resistance=0.2)))
+    robot.accept(command(2, target=ROBOT.default_pose + 0.6))
+    idle = robot.state(0).bus_voltage
+    assert min(live(robot, 1).bus_voltage for _ in range(20)) < idle - 1.0
 
 
 def test_a_state_that_is_not_finite_is_an_error():

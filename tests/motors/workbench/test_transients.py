@@ -1,11 +1,13 @@
 """Raw logs of a drive: steady windows, what is left out, and the inertia that only transients show."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.motors.workbench.benches import bench as rows
 
+from sprintlab.cli.main import main
 from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification import identify, is_log, rested
 
@@ -81,3 +83,15 @@ def test_what_no_window_can_use_is_refused_in_a_sentence():
     backwards[77] = 0.0
     with pytest.raises(SprintlabError, match="backwards in line 79"):
         rested(bench(backwards, current, speed, torque))
+
+
+def test_the_command_reads_a_log_and_says_how_it_was_read(tmp_path, capsys):
+    time, current, speed, torque = log(9)
+    rows = np.stack((1e3 * time, current, speed, torque), axis=-1)
+    header, path = "time [ms],iq [A],speed [rad/s],torque [N m]", tmp_path / "log.csv"
+    np.savetxt(path, rows, "%.6f", ",", header=header, comments="")
+    words = ["motor", "identify", str(path), "--pole-pairs", "7", "--peak-current", "20", "--json"]
+    assert main(words) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert abs(numbers["torque_constant"] / CONSTANT - 1.0) < 0.01
+    assert "windows of 0.1 s rest" in numbers["warnings"][0]
