@@ -5,7 +5,6 @@ import shlex
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
@@ -31,12 +30,8 @@ def steps():
 
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
-    """The repository's examples, and the race that the page names."""
+    """The repository's examples."""
     shutil.copytree(ROOT / "examples" / "motors", tmp_path / "examples" / "motors")
-    for run in re.findall(r"runs/race-[\d-]+", TEXT):
-        (tmp_path / run).mkdir(parents=True, exist_ok=True)
-        joints = {name: np.zeros((5, 12)) for name in ("joint_velocity", "joint_torque")}
-        np.savez(tmp_path / run / "trajectory.npz", **joints)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -56,6 +51,6 @@ def test_every_command_of_the_page_prints_what_the_page_shows(workplace, capsys)
         assert status == (2 if refused else 0), (commands, output)
         printed = {words(line) for line in output.splitlines()}
         assert set(shown) <= printed, commands
-    assert count == 8
-    for name in ("my-motor.toml", "envelope.png", "operating.png", "found.toml", "fit.png"):
+    assert count == 7
+    for name in ("my-motor.toml", "envelope.png", "found.toml", "fit.png"):
         assert (workplace / name).stat().st_size > 0
