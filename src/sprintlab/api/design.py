@@ -124,7 +124,7 @@ def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]])
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """The record of a design; empty where there is none yet. Raises ``SprintlabError``."""
+    """The record of a design; empty before it has been computed. Raises ``SprintlabError``."""
     path = folder / RECORD
     return read_json(path, what="record") if path.is_file() else {}
 
