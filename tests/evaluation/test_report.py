@@ -12,6 +12,7 @@ from PIL import Image
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
+from sprintlab.evaluation.metrics import on_envelope
 from sprintlab.evaluation.race_files import save_trajectory
 from sprintlab.evaluation.report_text import audit_verdict, battery_text, result_rows
 from sprintlab.evaluation.results import (
@@ -107,13 +108,17 @@ def test_a_failed_audit_is_marked(race, robot, trial):
     assert f"data:video/mp4;base64,{base64.b64encode(b'film').decode()}" in page
 
 
-def test_figures_show_contacts_and_costs(trial, robot):
+def test_figures_show_contacts_costs_and_samples_on_the_envelope(trial, robot):
     axis = figures.gait_figure(trial, robot).axes[0]
     labels = [label.get_text() for label in axis.get_yticklabels()]
     assert [label.split()[0] for label in labels] == list(robot.leg_names)
     assert all(22 <= float(label.split()[1]) <= 28 for label in labels)
     curve = figures.rates_figure(trial).axes[2].lines[0].get_ydata()
     assert curve[-1] == pytest.approx((2.0**2 + 1.0**2) * 9.998)
+    touched = on_envelope(trial.trajectory)
+    assert touched[:, 1].all() and not np.delete(touched, 1, axis=1).any()
+    still = replace(trial.trajectory, command=np.zeros((5000, 3)))
+    assert not on_envelope(still).any()
 
 
 def test_what_cannot_be_drawn_is_refused(trial, make_trial):

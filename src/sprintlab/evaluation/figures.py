@@ -109,7 +109,8 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
         _draw_envelope(axis, curves, joint, theme)
         draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
         share = trial.metrics.envelope_share[joint]
-        title_joint(axis, f"{leg} {JOINT_TITLES[kind]}".strip(), f"{100 * share:.0f} % on limit", theme)
+        set_title(axis, f"{leg} {JOINT_TITLES[kind]}".strip(), theme)
+        axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
     for axis in axes[::columns]:
         axis.set_ylabel("motor torque before\nsaturation [N m]")
     for axis in axes[-columns:]:
@@ -238,12 +239,6 @@ def draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: T
     look: Any = {"alpha": 0.45, "linewidths": 0, "zorder": 2, "rasterized": True}
     for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
         axis.scatter(*thinned_cloud(speed[mask], torque[mask]), s=size, color=colour, **look)
-
-
-def title_joint(axis: Axes, name: str, share: str, theme: Theme) -> None:
-    """A joint's name to the left above its samples, and how many are red to the right."""
-    set_title(axis, name, theme)
-    axis.set_title(share, loc="right", fontsize=8, color=theme.muted)
 
 
 def _envelope_legend(figure: Figure, theme: Theme) -> None:

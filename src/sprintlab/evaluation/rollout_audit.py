@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive, check_range
-from sprintlab.core.theme import LIGHT, themed_figure
-from sprintlab.evaluation.figures import draw_cloud, title_joint
+from sprintlab.core.theme import LIGHT, set_title, themed_figure
+from sprintlab.evaluation.figures import draw_cloud
 from sprintlab.evaluation.metrics import stances
 from sprintlab.evaluation.rollouts import Rollout
 from sprintlab.motors import (
@@ -197,8 +197,9 @@ def rollout_figure(rollout: Rollout, motors: JointMotors) -> Figure:
     for joint, axis in enumerate(axes[:joints]):
         axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=LIGHT.envelope, linewidth=0)
         draw_cloud(axis, velocity[:, joint], torque[:, joint], beyond[:, joint], LIGHT)
+        set_title(axis, rollout.names[joint], LIGHT)
         share = _percent(float(beyond[:, joint].mean()))
-        title_joint(axis, rollout.names[joint], f"{share} impossible", LIGHT)
+        axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=LIGHT.muted)
         axis.set_xlabel("joint speed [rad/s]")
     for axis in axes[:joints:columns]:
         axis.set_ylabel("joint torque [N m], recorded;\nfilled: after saturation, gear")

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from sprintlab.core.array_types import FloatArray
-from sprintlab.motors import MotorModel, no_load_speed, single, torque_limits
+from sprintlab.motors import MotorModel, PreparedDrive, no_load_speed
 from sprintlab.robots import RobotDescription, joint_kind
 
 LEG_COLORS = ("#228be6", "#e8590c", "#12b886", "#be4bdb")
@@ -86,8 +86,10 @@ class EnvelopePlot:
         )
 
     def _outline(self, joint: int, model: MotorModel, bus_voltage: float) -> str:
+        drive = PreparedDrive(self._robot.motors, self._robot.gear, bus_voltage, model)
         speed = np.linspace(-self._top_speed[joint], self._top_speed[joint], _SPEEDS)
-        lower, upper = torque_limits(single(self._robot.motors, joint), speed, bus_voltage, model)
+        limits = [drive.limits(value / self._ratio) for value in speed]
+        lower, upper = (np.array([pair[side][joint] for pair in limits]) for side in (0, 1))
         return self._points(joint, np.append(speed, speed[::-1]), np.append(upper, lower[::-1]))
 
 
