@@ -240,7 +240,12 @@ def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathF
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """A Chromium driven by Playwright; its own download, or one of the system."""
+    """A Chromium driven by Playwright; its own download, or one of the system.
+
+    Pages that are drawn in software starve beside other tests: run these tests in one process (``-n 0``).
+    """
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        pytest.skip("needs the machine for itself: run tests/viewer and tests/docs with -n 0")
     playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
     with playwright.sync_playwright() as driver:
         try:
