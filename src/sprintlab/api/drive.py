@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from sprintlab.core.arguments import check_fields
 from sprintlab.core.checks import check_choice
-from sprintlab.motors import SupplyFile, WindingHeat, load_supply
-from sprintlab.plant import PlantOptions
+
+if TYPE_CHECKING:
+    from sprintlab.plant import PlantOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,9 @@ class DriveOptions:
         Raises:
             SprintlabError: the supply file or a value is refused.
         """
+        from sprintlab.motors import SupplyFile, WindingHeat, load_supply
+        from sprintlab.plant import PlantOptions
+
         check_fields(self)
         check_choice("air", self.air, ("outdoors", "treadmill"))
         supply = load_supply(self.supply) if self.supply else SupplyFile(battery=None, heat=None, i2t=None)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import ast
 import contextlib
 import difflib
-import functools
 import inspect
 import io
 import re
@@ -22,17 +21,19 @@ from dataclasses import MISSING, field, make_dataclass
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import tyro
 
 from sprintlab import api
+from sprintlab.api.drive import DriveOptions
 from sprintlab.api.options import OPTIONS
 from sprintlab.api.results import Drawn, Result
 from sprintlab.cli.output import REFUSED, exit_status, print_json, progress_bar, stdout_console
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import check_figure_path
+from sprintlab.core.joystick import DEFAULT_DEVICE
 
 COMMANDS: dict[str, dict[str, Any]] = {
     "see it": {"race": "races.race", "play": "replays.play", "replay": "replays.replay"},
@@ -76,41 +77,51 @@ SUMMARIES = {
 REPEATED = ("column", "set", "vary")
 """Options of several values that are typed once for each."""
 _CONFIG = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff)
+_NAMES = {
+    "Any": Any, "Drawn": Drawn, "DriveOptions": DriveOptions, "Literal": Literal, "Path": Path,
+    "PolicyChoice": str, "Race": Drawn, "Result": Result, "RobotChoice": str | None, "Sequence": Sequence,
+    "Training": Result, "DEFAULT_DEVICE": DEFAULT_DEVICE,
+}  # fmt: skip
+"""Names in the signatures of the commands."""
 _FIGURE = Annotated[Path | None, tyro.conf.arg(help="picture to draw (.png, .pdf or .svg).")]
 _JSON = Annotated[bool, tyro.conf.arg(help="print JSON only.")]
 
 
-def command_function(command: Any) -> Callable[..., Result]:
-    """The function of a command, with the defaults of the command line."""
-    if not isinstance(command, str):
-        return command
+def declared(command: str) -> ast.FunctionDef:
+    """The function of a command as its source declares it; nothing that it works with is imported."""
     module, _, name = command.partition(".")
-    function = getattr(import_module(f"sprintlab.api.{module}"), name)
-    return functools.partial(function, **DEFAULTS[command]) if command in DEFAULTS else function
+    tree = ast.parse(Path(api.__path__[0], f"{module}.py").read_text(encoding="utf-8"))
+    return next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
 
 
-def typed(command: Any) -> Any:
+def typed(command: str) -> Any:
     """A dataclass of the parameters of a command's function, from which the parser is made."""
-    function = command_function(command)
-    bare = getattr(function, "func", function)
-    hints, options = get_type_hints(bare), list[tuple[str, Any, Any]]()
-    documented = inspect.getdoc(bare) or ""
-    for name, parameter in inspect.signature(function).parameters.items():
-        if name == "progress":
+    function, options = declared(command), list[tuple[str, Any, Any]]()
+    documented, positional = ast.get_docstring(function) or "", function.args.args
+    required = [None] * (len(positional) - len(function.args.defaults))
+    parameters = [*positional, *function.args.kwonlyargs]
+    defaults = [*required, *function.args.defaults, *function.args.kw_defaults]
+    for parameter, default in zip(parameters, defaults, strict=True):
+        if (name := parameter.arg) == "progress":
             continue
-        kind = _kind(hints[name])
+        kind = _kind(_value(parameter.annotation))
         if name in OPTIONS and f"\n    {name}: " not in documented:
             kind = Annotated[kind, tyro.conf.arg(help=OPTIONS[name])]
-        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
+        if parameter in positional:
             kind = tyro.conf.Positional[kind]
         elif name in REPEATED:
             kind = tyro.conf.UseAppendAction[kind]
-        default = MISSING if parameter.default is parameter.empty else parameter.default
-        options.append((name, kind, field(default=default)))
-    if issubclass(hints["return"], Drawn):
+        value = MISSING if default is None else DEFAULTS.get(command, {}).get(name, _value(default))
+        options.append((name, kind, field(default=value)))
+    if _value(function.returns) is Drawn:
         options.append(("figure", _FIGURE, field(default=None)))
     options.append(("json", _JSON, field(default=False)))
     return make_dataclass("Typed", options, namespace={"__doc__": documented}, kw_only=True, frozen=True)
+
+
+def _value(expression: ast.expr | None) -> Any:
+    """A type hint or default of a signature."""
+    return None if expression is None else eval(ast.unparse(expression), dict(_NAMES))
 
 
 def _kind(kind: Any) -> Any:
@@ -168,15 +179,10 @@ def run_command(function: Callable[..., Result], given: dict[str, Any]) -> int:
 
 
 def summary(name: str, command: Any) -> str:
-    """The first sentence of what a command does, read from its function's source without importing it."""
+    """The first sentence of what a command does."""
     if isinstance(command, dict):
         return SUMMARIES[name]
-    if not isinstance(command, str):
-        return (inspect.getdoc(command) or "").partition("\n")[0]
-    module, _, function = command.partition(".")
-    tree = ast.parse(Path(api.__path__[0], f"{module}.py").read_text(encoding="utf-8"))
-    found = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == function)
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    return (ast.get_docstring(declared(command)) or "").partition("\n")[0]
 
 
 def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str:
@@ -218,7 +224,8 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
             refuse_unknown_option(" ".join(named), words, help_of(kind))
         print(said.getvalue(), end="", file=sys.stderr)
         raise
-    return command_function(level), vars(found)
+    module, _, name = level.partition(".")
+    return getattr(import_module(f"sprintlab.api.{module}"), name), vars(found)
 
 
 def did_you_mean(word: str, known: Any, command: str) -> str:
