@@ -31,9 +31,10 @@ def by_name(text):
 
 @pytest.mark.usefixtures("no_gpu")
 def test_what_is_not_installed_is_no_fault_unless_training_is_asked_for(call):
-    outcome = call("doctor", "--json", "--thorough")
-    found = by_name(outcome.out)
+    outcome = call("doctor", "--json")
     assert outcome.status == 0 and json.loads(outcome.out)["ok"] is True
+    assert by_name(outcome.out)["CUDA"]["state"] == "not tried"
+    found = by_name(call("doctor", "--json", "--training").out)
     assert (found["mujoco"]["state"], found["mujoco"]["found"]) == ("ok", "1.0")
     assert found["torch.compile"]["found"] == "compiled"
     for name in ("OpenGL backend", "GPU driver", "CUDA"):
@@ -51,7 +52,7 @@ def test_a_gpu_that_pytorch_cannot_use_is_a_fault(call, monkeypatch):
     monkeypatch.setattr(doctor.shutil, "which", lambda name: f"/usr/bin/{name}")
     listed = namedtuple("Done", "returncode stdout stderr")(0, "NVIDIA H100, 580.65, 81559 MiB\n", "")
     monkeypatch.setattr(doctor.subprocess, "run", lambda *arguments, **options: listed)
-    outcome = call("doctor", "--json", "--thorough")
+    outcome = call("doctor", "--json", "--training")
     found = by_name(outcome.out)
     assert outcome.status == 1 and found["GPU driver"]["state"] == "ok"
     assert (found["CUDA"]["state"], found["CUDA"]["found"]) == ("broken", "RuntimeError: no GPU here")

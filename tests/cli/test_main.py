@@ -94,7 +94,6 @@ def test_nothing_typed_shows_the_commands_and_is_no_success(call):
         ("rase", "did you mean race"),
         ("motor identfy bench.csv", "did you mean identify"),
         ("xyzzy", "sprintlab --help lists"),
-        ("race sprint --topspeed 13", "race has no option --topspeed: did you mean --top-speed?"),
     ],
 )
 def test_a_mistyped_word_is_answered_with_the_nearest(typed, meant, call):

@@ -9,7 +9,7 @@ import pytest
 import sprintlab as sl
 
 BRIEF = ("--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video", "--distance", 0.5)
-SEARCH = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
+SEARCH = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1)
 
 
 @pytest.mark.usefixtures("brief_trials", "light_pictures")
@@ -53,7 +53,6 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path):
     assert set(numbers) == {"raw", "self_paced", "battery"}
     assert [row["top_speed_command_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
     assert numbers["raw"]["best"]["top_speed_command_m_s"] == 0.75
-    assert numbers["raw"]["J_common_rad2_s"] >= 0.0
     assert "commanded top speed" in figure.read_text()
 
 

@@ -84,8 +84,6 @@ REFUSED = (
     ("run --distance -1", "distance"),
     ("run --despite-audit slow", "--despite-audit names 'slow', but the policy is 'sprint'"),
     ("run sprint shm://not-here --log file", "exists already"),
-    ("robot-sim shm://no --truth t.npz", "give --duration too"),
-    ("robot-sim shm://no --duration 1 --truth truth.csv", "truth's ending"),
 )
 
 

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-import sprintlab as sl
-
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 OPTIONS = (
     "--abad-motor", GO1 / "motor.toml", "--hip-motor", GO1 / "motor.toml", "--knee-motor", GO1 / "motor.toml",
@@ -38,12 +36,3 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     assert call("robot", "show", "robots/mydog").status == 0
     envelope = call("motor", "envelope", "mydog", "knee", "--points", 3, "--json")
     assert envelope.status == 0
-
-
-def test_what_nothing_says_is_asked_at_a_terminal(call, here, monkeypatch):
-    answers = iter([24.0])
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("rich.prompt.PromptBase.ask", lambda what, **_: next(answers))
-    made = call("robot", "new", GO1 / "go1.xml", *OPTIONS[:-2])
-    assert made.status == 0, made.err
-    assert sl.load_robot("go1").bus_voltage == 24.0 and not list(answers)

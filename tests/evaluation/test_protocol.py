@@ -56,11 +56,10 @@ class FakePool:
 
 def test_the_search_stops_at_the_first_speed_that_fails(make_trial):
     pool = FakePool(make_trial, lambda speed: 2 if speed == 1.75 else int(speed == 1.5))
-    result = run_protocol(pool, self_paced=False, common_speed=1.0)
+    result = run_protocol(pool, self_paced=False)
     assert [speed.top_speed for speed in result.speeds] == [1.0, 1.25, 1.5, 1.75]
     assert result.best.top_speed == 1.5 and result.best.falls == 1
     assert result.mean("held_speed") == pytest.approx(1.4)
-    assert result.common.mean("angular_cost") == pytest.approx(1.0)
 
 
 def test_the_fastest_is_not_always_at_the_highest_command(make_trial):

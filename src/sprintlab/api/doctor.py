@@ -53,22 +53,16 @@ Outcome = tuple[str, str, str]
 
 
 @checked
-def doctor(
-    *,
-    thorough: bool = False,
-    training: bool = False,
-    progress: Progress = silent,
-) -> Result:
+def doctor(*, training: bool = False, progress: Progress = silent) -> Result:
     """Try out what sprintlab needs: packages, GPU, compiler, OpenGL, disk.
 
     The status is 1 where something is broken; what is merely not installed is no fault.
     Example: sprintlab doctor --training
 
     Args:
-        thorough: also try CUDA, compilation and rendering: half a minute and more.
-        training: the same, and count what training on a GPU does not find as a fault.
+        training: also try CUDA, compilation and rendering, and count as a fault what training on a GPU lacks.
     """
-    findings = list(_findings(thorough or training, progress))
+    findings = list(_findings(training, progress))
     needed = [item for item in findings if training and item["needed_for"].startswith("training")]
     broken = any(item["state"] == "broken" for item in findings)
     ok = not broken and all(item["state"] != "missing" for item in needed)
@@ -101,7 +95,7 @@ def _finding(name: str, needed_for: str, outcome: Outcome) -> dict[str, str]:
     }
 
 
-def _findings(thorough: bool, progress: Progress) -> Iterator[dict[str, str]]:
+def _findings(training: bool, progress: Progress) -> Iterator[dict[str, str]]:
     """Every finding, in the order in which one depends on another."""
     yield _finding("Python", "everything", ("ok", platform.python_version(), ""))
     yield _finding("platform", "everything", ("ok", platform.platform(), ""))
@@ -116,7 +110,7 @@ def _findings(thorough: bool, progress: Progress) -> Iterator[dict[str, str]]:
     ):
         progress(name, None)
         tried = (
-            attempt() if thorough or not slow else ("not tried", "", "sprintlab doctor --thorough tries it")
+            attempt() if training or not slow else ("not tried", "", "sprintlab doctor --training tries it")
         )
         yield _finding(name, needed_for, tried)
 

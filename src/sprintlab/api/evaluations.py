@@ -23,7 +23,6 @@ from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_protocol
 from sprintlab.evaluation.report_text import audit_failure, battery_text
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult, supply_numbers
-from sprintlab.evaluation.trial import check_top_speed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +42,6 @@ def evaluate(
     top: float = 16.0,
     grid: float = 0.25,
     every_speed: bool = False,
-    common_speed: float | None = None,
     clock_check: bool = False,
     drive: DriveOptions = DriveOptions(),
     workers: int | None = None,
@@ -61,12 +59,9 @@ def evaluate(
         top: highest speed of the search [m/s].
         grid: step between speeds [m/s].
         every_speed: walk the whole grid instead of whole m/s first.
-        common_speed: also report J at this speed, to compare policies [m/s].
         clock_check: repeat the highest raw command that passed with other clocks of the policy.
         output: also write the numbers here (JSON).
     """
-    if common_speed is not None:
-        check_top_speed("common_speed", common_speed)
     if output is not None:
         check_writable_file(output)
     plant, name = drive.plant(), policy_path(policy).stem
@@ -81,9 +76,8 @@ def evaluate(
                 progress(f"{way.replace('_', '-')}: {speed.top_speed:g} m/s, {speed.falls} falls", share)
 
             searches[way] = run_protocol(
-                pool, self_paced=way == "self_paced", settings=settings, common_speed=common_speed,
-                progress=told,
-            )  # fmt: skip
+                pool, self_paced=way == "self_paced", settings=settings, progress=told
+            )
         best = searches["raw"].best
         if best is not None and clock_check:
             progress("other policy clocks", None)
@@ -124,7 +118,7 @@ def first_step(grid: float, every_speed: bool = False) -> float | None:
 
 def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values: of every command, and of those that stand out."""
-    best, common, running = result.best, result.common, result.running
+    best, running = result.best, result.running
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
     passed = [rows[speed.top_speed] for speed in result.passed]
     clean = [row for row in passed if not row["audit_failed"]]
@@ -134,8 +128,6 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "max_velocity_m_s": result.mean("held_speed"),
             "running_speed_m_s": running and running.running_speed,
             "running_command_m_s": running and running.top_speed,
-            "common_speed_m_s": common and common.top_speed,
-            "J_common_rad2_s": common and common.mean("angular_cost"),
             "best": passed[-1] if passed else None,
             "fastest": result.fastest and rows[result.fastest.top_speed],
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),

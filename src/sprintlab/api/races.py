@@ -46,17 +46,11 @@ HIGHEST_SPEED = 40.0
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Race(Drawn):
-    """What a race found; prints as a table, draws itself, writes its report.
+    """What a race found; prints as a table, draws itself, writes its report."""
 
-    Attributes:
-        policy: the policy file.
-        robot: that ran.
-        table: name, folder or parameter table of the robot.
-    """
-
-    policy: Path
-    robot: RobotDescription
-    table: str
+    policy: Path  # the policy file
+    robot: RobotDescription  # that ran
+    table: str  # name, folder or parameter table of the robot
 
     def plot(self, figure: str = "speed") -> Figure:
         """One figure of the report, of those in ``FIGURES``. Raises ``InvalidValueError``."""

@@ -53,23 +53,14 @@ class PlainConsole(Console):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Result:
-    """What a function found: it prints as tables, and gives its numbers as plain values.
+    """What a function found: it prints as tables, and gives its numbers as plain values."""
 
-    Attributes:
-        numbers: plain values, ready for JSON; units in the keys.
-        shown: tables and remarks, in the order in which they are printed.
-        found: the object of the package that measured it.
-        status: exit status of the command that found it.
-        page: an HTML file that a notebook shows in place of the tables.
-        serve: goes on until Ctrl-C, as a page does on which a robot is driven.
-    """
-
-    numbers: Any
-    shown: Sequence[RenderableType]
-    found: Any = None
-    status: int = 0
-    page: Path | None = None
-    serve: Callable[[], None] | None = None
+    numbers: Any  # plain values, ready for JSON; units in the keys
+    shown: Sequence[RenderableType]  # tables and remarks, in the order in which they are printed
+    found: Any = None  # the object of the package that measured it
+    status: int = 0  # exit status of the command that found it
+    page: Path | None = None  # an HTML file that a notebook shows in place of the tables
+    serve: Callable[[], None] | None = None  # goes on until Ctrl-C, as a page does on which a robot is driven
 
     def to_dict(self) -> Any:
         """Plain values, ready for JSON; what is not finite is None."""
@@ -109,13 +100,9 @@ class Result:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drawn(Result):
-    """A result that also draws itself.
+    """A result that also draws itself."""
 
-    Attributes:
-        draw: makes the figure.
-    """
-
-    draw: Callable[[], Figure]
+    draw: Callable[[], Figure]  # makes the figure
 
     def plot(self) -> Figure:
         """The result as a picture, which a notebook shows."""

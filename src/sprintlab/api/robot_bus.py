@@ -11,7 +11,6 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from datetime import datetime, timezone
 from importlib.util import find_spec
-from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,8 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, default_robot, ope
 from sprintlab.api.results import Progress, Result, command_line, quantities, records, remark, silent
 from sprintlab.control import encode_contract
 from sprintlab.core.arguments import checked
-from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.files import check_writable_file
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment import controller as control
 from sprintlab.deployment import log as logs
 from sprintlab.deployment import simulator as simulators
@@ -33,11 +31,8 @@ from sprintlab.deployment.controller.realtime import lacking
 from sprintlab.deployment.controller.realtime import real_time as scheduled
 from sprintlab.deployment.guard import Reaction
 from sprintlab.deployment.operators import open_source
-from sprintlab.evaluation.recorder import Recorder
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import load_robot
-
-_LONGEST_TRUTH = 3600.0  # s, for whose samples there must be memory from the start
 
 
 @checked
@@ -213,7 +208,6 @@ def robot_sim(
     duration: float | None = None,
     end_with_controller: bool = False,
     distance: float = 100.0,
-    truth: Path | None = None,
     drive: DriveOptions = DriveOptions(),
     progress: Progress = silent,
 ) -> Result:
@@ -240,7 +234,6 @@ def robot_sim(
         duration: end after this much simulated time [s].
         end_with_controller: end when the controller has left.
         distance: mark whose passing is timed [m].
-        truth: also write the true motion as a trajectory (.npz); needs --duration, of an hour at most.
     """
     link = simulators.LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
     options = simulators.SimulatorOptions(
@@ -260,31 +253,21 @@ def robot_sim(
     )
     check_positive("distance", distance, "m")
     check_range("priority", priority, 1, 99)
-    samples = None if truth is None else _truth_seconds(Path(truth), duration)
-    with ExitStack() as interruptible:  # left last, as in ``run``
-        with closing(buses.open_endpoint(bus)) as endpoint:
-            described, recorder = load_robot(robot or default_robot()), None
-            world = simulators.SimulatedWorld(described, options, link)
-            if samples is not None:
-                plant = world.robot.plant
-                recorder = Recorder(plant, ceil(samples * plant.options.record_rate) + 1)
-            remark(f"the robot is on {bus}; Ctrl-C ends it")
-            interrupted = interruptible.enter_context(counted_interruptions())
-            with scheduled(priority) if real_time and not lock_step else nullcontext():
-                report = simulators.run_simulator(
-                    world,
-                    endpoint,
-                    pace,
-                    mark=distance,
-                    recorder=recorder,
-                    stopped=lambda: interrupted() > 0,
-                    progress=lambda time, way: progress(f"{time:.1f} s, {way:.1f} m", None),
-                    remark=remark,
-                )
-        if recorder is not None and truth is not None:
-            from sprintlab.evaluation.race_files import save_trajectory
-
-            save_trajectory(Path(truth), recorder.trajectory())
+    # As in ``run``, interruptions are handled until all else is closed.
+    with ExitStack() as interruptible, closing(buses.open_endpoint(bus)) as endpoint:
+        world = simulators.SimulatedWorld(load_robot(robot or default_robot()), options, link)
+        remark(f"the robot is on {bus}; Ctrl-C ends it")
+        interrupted = interruptible.enter_context(counted_interruptions())
+        with scheduled(priority) if real_time and not lock_step else nullcontext():
+            report = simulators.run_simulator(
+                world,
+                endpoint,
+                pace,
+                mark=distance,
+                stopped=lambda: interrupted() > 0,
+                progress=lambda time, way: progress(f"{time:.1f} s, {way:.1f} m", None),
+                remark=remark,
+            )
     numbers = report.to_dict()
     shown = quantities("Simulated robot", numbers, units=SIMULATED_UNITS)
     return Result(numbers=numbers, shown=[shown], found=report, status=1 if report.fall_reason else 0)
@@ -292,13 +275,3 @@ def robot_sim(
 
 SIMULATED_UNITS = {"simulated_time": "s", "greatest_distance": "m", "top_speed": "m/s", "given_up": "s"}
 """Units of a simulated robot's numbers."""
-
-
-def _truth_seconds(truth: Path, duration: float | None) -> float:
-    """Length of the true motion that a file is to take [s]. Raises ``SprintlabError`` where it cannot."""
-    if duration is None:
-        raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
-    check_range("duration of a truth", duration, 0.0, _LONGEST_TRUTH, "s")
-    check_choice("truth's ending", truth.suffix, (".npz",))
-    check_writable_file(truth)
-    return duration

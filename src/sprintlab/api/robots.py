@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from sprintlab import robots
-from sprintlab.api.results import PlainConsole, Result, records
+from sprintlab.api.results import Result, records
 from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots import importing
@@ -53,7 +51,7 @@ def import_robot(
 ) -> Result:
     """Make a robot from an MJCF or URDF: its parameter table and the map of its joints.
 
-    What neither options nor the file of choices say is asked, if somebody sits at the terminal.
+    Motors, gears and the bus voltage come from options or from the file of choices.
     Example: sprintlab robot new examples/go1/go1.xml --choices examples/go1/choices.toml --name mydog
 
     Args:
@@ -70,21 +68,23 @@ def import_robot(
         output: folder in which the robot's folder is put; in ./robots robots are found by name.
     """
     check_kind("choices", choices, importing.RobotChoices | str | Path | None)
-    read = importing.read_source(Path(source), 0.02)  # a bad file is refused before asking
+    read = importing.read_source(Path(source), 0.02)
     if not isinstance(choices, importing.RobotChoices):
         given: dict[str, Any] = {} if choices is None else importing.read_choices(Path(choices))
         options = {"name": name, "bus_voltage": bus_voltage}
         given = {"name": read.path.stem, **given, **{key: v for key, v in options.items() if v is not None}}
         given["joints"] = tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
-        open_choices = [] if "bus_voltage" in given else [(given, "bus_voltage", "--bus-voltage")]
+        missing = [] if "bus_voltage" in given else ["--bus-voltage"]
         motors, gears = (abad_motor, hip_motor, knee_motor), (abad_gear, hip_gear, knee_gear)
         for joint, motor, gear in zip(JOINTS, motors, gears, strict=True):
             for field, value in (("motor", motor), ("gear_ratio", gear)):
                 if value is not None:
                     tables[joint][field] = value
                 elif field not in tables[joint]:
-                    open_choices.append((tables[joint], field, f"--{joint}-{field.partition('_')[0]}"))
-        _ask(open_choices)
+                    missing.append(f"--{joint}-{field.partition('_')[0]}")
+        if missing:
+            names = ", ".join(missing)
+            raise RobotModelError(f"not given: {names}; a file of --choices can hold them, too")
         choices = importing.make_choices(given, str(choices))
     made = importing.import_robot(read, choices, Path(output))
     checks = [asdict(check) for check in made.checks]
@@ -95,20 +95,3 @@ def import_robot(
     ]
     numbers = {"folder": str(made.folder), "robot": made.robot.name, "checks": checks}
     return Result(numbers=numbers, shown=shown, found=made)
-
-
-def _ask(open_choices: Sequence[tuple[dict[str, Any], str, str]]) -> None:
-    """Fill in, from the terminal, what neither options nor the file say: table, key, option of each.
-
-    Raises:
-        RobotModelError: there is no terminal to answer; names all options to give.
-    """
-    if open_choices and not sys.stdin.isatty():
-        options = ", ".join(option for *_, option in open_choices)
-        raise RobotModelError(f"not given: {options}; a file of --choices can hold them, too")
-    from rich.prompt import FloatPrompt, Prompt
-
-    for made, key, option in open_choices:
-        prompt: Any = Prompt if key == "motor" else FloatPrompt
-        what = "bus voltage [V]" if key == "bus_voltage" else option.removeprefix("--").replace("-", " ")
-        made[key] = prompt.ask(what, console=PlainConsole(stderr=True))

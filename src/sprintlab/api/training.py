@@ -12,7 +12,7 @@ from sprintlab.api.reached import LOG_LIMIT, what_was_reached
 from sprintlab.api.results import Progress, Result, exit_if_worker, quantities, records, remark, silent
 from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable_file
 from sprintlab.core.garbage import suspended_garbage_collection
@@ -75,13 +75,9 @@ def _robot_word(robot: str | Path) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Training(Result):
-    """A training run; prints how far it has come, names its policy.
+    """A training run; prints how far it has come, names its policy."""
 
-    Attributes:
-        folder: folder of the run: checkpoint, log, settings, policy.
-    """
-
-    folder: Path
+    folder: Path  # folder of the run: checkpoint, log, settings, policy
 
     @property
     def checkpoint(self) -> Path:
@@ -225,10 +221,6 @@ def export(
     """
     require_training()
     checkpoint, output = Path(checkpoint), Path(output)
-    if not checkpoint.is_file():
-        raise SprintlabError(f"checkpoint {checkpoint} does not exist")
-    if output.is_dir():
-        raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
     read_checkpoint(checkpoint)
     check_writable_file(output)
     progress("exporting", None)

@@ -9,11 +9,8 @@ on stderr, 130 interrupted. A module of ``sprintlab.api`` is imported only for o
 from __future__ import annotations
 
 import ast
-import contextlib
 import difflib
 import inspect
-import io
-import re
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
@@ -202,7 +199,7 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
     """The function that a command line names, and its arguments; nothing runs yet.
 
     Raises:
-        SprintlabError: there is no such command or option; ``SystemExit``: help was printed.
+        SprintlabError: there is no such command; ``SystemExit``: help was printed, or what an option lacks.
     """
     words, named, level = list(arguments), ["sprintlab"], ALL
     while isinstance(level, dict):
@@ -211,45 +208,14 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
             print(grouped_help(place, level if place else None))
             raise SystemExit(0 if words else REFUSED)
         if words[0] not in level:
-            hint = did_you_mean(words[0], level, " ".join(named))
+            near = difflib.get_close_matches(words[0], list(level), n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"{' '.join(named)} --help lists all"
             raise SprintlabError(f"there is no command {printable(words[0])}: {hint}")
         named.append(words.pop(0))
         level = level[named[-1]]
-    kind, said = typed(level), io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            found = tyro.cli(kind, prog=" ".join(named), args=words, config=_CONFIG)
-    except SystemExit as stop:
-        if stop.code == REFUSED:
-            refuse_unknown_option(" ".join(named), words, help_of(kind))
-        print(said.getvalue(), end="", file=sys.stderr)
-        raise
+    found = tyro.cli(typed(level), prog=" ".join(named), args=words, config=_CONFIG)
     module, _, name = level.partition(".")
     return getattr(import_module(f"sprintlab.api.{module}"), name), vars(found)
-
-
-def did_you_mean(word: str, known: Any, command: str) -> str:
-    """``did you mean ...?`` with the nearest name, or what to do where none is near."""
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"did you mean {near[0]}?" if near else f"{command} --help lists all"
-
-
-def help_of(kind: Any) -> str:
-    """What ``--help`` of a command prints."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        tyro.cli(kind, args=["--help"], config=_CONFIG)
-    return said.getvalue()
-
-
-def refuse_unknown_option(command: str, words: Sequence[str], help_text: str) -> None:
-    """Name the nearest option where the first unknown one was typed. Raises ``SprintlabError``."""
-    known = set(re.findall(r"(?<![\w-])--[a-z][\w.-]*", help_text))
-    for word in words:
-        option = word.partition("=")[0].replace("_", "-")
-        if option.startswith("--") and option not in known:
-            name, hint = command.removeprefix("sprintlab "), did_you_mean(option, known, command)
-            raise SprintlabError(f"{name} has no option {printable(option)}: {hint}")
 
 
 def completion(arguments: Sequence[str]) -> None:

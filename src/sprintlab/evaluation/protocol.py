@@ -132,7 +132,6 @@ def run_protocol(
     *,
     self_paced: bool,
     settings: ProtocolSettings | None = None,
-    common_speed: float | None = None,
     progress: Progress = lambda _: None,
 ) -> ProtocolResult:
     """Search the highest speed: rising v*, up to the first at which too many trials fall.
@@ -141,7 +140,6 @@ def run_protocol(
         pool: policy, robot and processes.
         self_paced: hold the command near the measured speed, as ``self_paced`` does.
         settings: grid, seeds, number of trials.
-        common_speed: v* [m/s] at which J is compared between methods; ``None`` leaves it out.
         progress: called with the result of every speed.
 
     Raises:
@@ -154,10 +152,7 @@ def run_protocol(
         progress(result)
         return result
 
-    speeds, common = search_speeds(settings, run), None
-    if common_speed is not None:
-        common = run_speed(pool, common_speed, self_paced=self_paced, settings=settings)
-    return ProtocolResult(self_paced=self_paced, speeds=speeds, common=common)
+    return ProtocolResult(self_paced=self_paced, speeds=search_speeds(settings, run))
 
 
 def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialRequest | None:

@@ -301,7 +301,6 @@ class ProtocolResult:
 
     self_paced: bool
     speeds: tuple[SpeedResult, ...]  # every v* tried, rising
-    common: SpeedResult | None = None  # at the speed common to all methods, where one was asked for
 
     @property
     def _ran(self) -> tuple[SpeedResult, ...]:

@@ -13,7 +13,6 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.messages import RobotState
 from sprintlab.deployment.simulator.world import SimulatedWorld
 from sprintlab.deployment.transports.ends import RobotEnd
-from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
 _ASK_AGAIN = 2.0  # [s] without any answer in lock-step: the network has dropped the state or the answer
@@ -66,7 +65,6 @@ def run_simulator(
     pace: PaceOptions,
     *,
     mark: float = 100.0,
-    recorder: MotionRecorder | None = None,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float], None] = lambda time, distance: None,
     remark: Callable[[str], None] = lambda text: None,
@@ -78,7 +76,6 @@ def run_simulator(
         endpoint: the robot's end of the bus; not closed here.
         pace: real time or lock-step, and when to end.
         mark: distance whose passing is timed [m].
-        recorder: takes samples of the true state.
         stopped: asked at every step.
         progress: told simulated time [s] and distance [m] ten times a simulated second.
         remark: told once of each reason for which commands are dropped.
@@ -91,7 +88,7 @@ def run_simulator(
     told: set[str] = set()
     steps = 0
     while not run.over() and (run.answered() if pace.lock_step else run.on_time()):
-        world.step(recorder)
+        world.step()
         run.look(mark)
         steps += 1
         if steps % 100 == 0:

@@ -23,7 +23,7 @@ from sprintlab.deployment.messages import (
     check_command,
 )
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import BlindRecorder, MotionRecorder, Plant, PlantOptions, TrialSettings
+from sprintlab.plant import BlindRecorder, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 TYPICAL_NOISE = {
@@ -121,14 +121,14 @@ class SimulatedRobot:
             return "the watchdog has expired: only a damping or off command is taken first"
         return ""
 
-    def step(self, recorder: MotionRecorder | None = None) -> None:
+    def step(self) -> None:
         """Live for one motor step."""
         silence = self.time - self._command_time
         if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
             self._expired = True
             self.watchdog_trips += self._command is not None and self._command.mode != JointMode.OFF
         wanted, targets = self._wanted(*self.plant.joint_state())
-        self._drive = self.plant.drive_joints(wanted, targets, recorder or BlindRecorder())
+        self._drive = self.plant.drive_joints(wanted, targets, BlindRecorder())
         self._steps += 1
         self._notice_falls()
 

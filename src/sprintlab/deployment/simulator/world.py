@@ -11,7 +11,6 @@ import numpy as np
 from sprintlab.core.checks import check_range
 from sprintlab.deployment.messages import JointCommand, PositionFix, RobotState
 from sprintlab.deployment.simulator.robot import SimulatedRobot, SimulatorOptions
-from sprintlab.plant import MotionRecorder
 from sprintlab.robots import RobotDescription
 
 Item = TypeVar("Item")
@@ -76,11 +75,11 @@ class SimulatedWorld:
         """Give a command to the link, as a controller does."""
         self._commands.push(self.time, command)
 
-    def step(self, recorder: MotionRecorder | None = None) -> None:
+    def step(self) -> None:
         """Let the commands that have arrived act, and live for one motor step."""
         for command in self._commands.pop(self.time):
             self.robot.accept(command)
-        self.robot.step(recorder)
+        self.robot.step()
 
     def messages(self, timestamp: int) -> list[RobotState | PositionFix]:
         """Measure, and return what arrives at the controller now; ``timestamp`` in nanoseconds."""
