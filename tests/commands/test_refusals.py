@@ -12,18 +12,15 @@ from sprintlab.commands import (
     FixedAccelerationSchedule,
     ProgressGrid,
     RampedSchedule,
-    RangeGrowth,
     SpeedProfile,
     SprintProfile,
-    StageBlend,
     TargetSampling,
-    Track,
 )
 from sprintlab.core.errors import InvalidValueError
 
 SETTINGS = (
     AdaptiveSchedule, BoxGrid, CommandGrid, CurriculumSchedule, FixedAccelerationSchedule, ProgressGrid,
-    RampedSchedule, RangeGrowth, SpeedProfile, SprintProfile, StageBlend, TargetSampling, Track,
+    RampedSchedule, SpeedProfile, SprintProfile, TargetSampling,
 )  # fmt: skip
 
 
@@ -45,7 +42,6 @@ def test_impossible_numbers_are_refused_by_the_name_of_their_field(settings, num
         (TargetSampling, {"top_share": 0.99}),
         (CommandGrid, {"speed": (3.0, 2.0)}),
         (CommandGrid, {"speed_bin": 2e-6}),  # eight million rows take all memory
-        (StageBlend, {"second_top": 5.0}),
         (CurriculumSchedule, {"targets": TargetSampling(grid=None)}),
     ],
 )

@@ -36,11 +36,7 @@ class DriveOptions:
     winding_temperature: float = 25.0
 
     def plant(self, **more: Any) -> PlantOptions:
-        """How the robot is simulated; ``more`` are further fields of ``PlantOptions``.
-
-        Raises:
-            SprintlabError: the supply file or a value is refused.
-        """
+        """How the robot is simulated; ``more`` are further fields of ``PlantOptions``."""
         from sprintlab.motors import SupplyFile, WindingHeat, load_supply
         from sprintlab.plant import PlantOptions
 

@@ -45,11 +45,7 @@ def chosen_motor(
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
 ) -> ChosenMotor:
-    """The motor that a file, an actuator's name or a robot's name and joint mean.
-
-    Raises:
-        SprintlabError: no such robot, joint or file, or a bad voltage or gear.
-    """
+    """The motor that a file, an actuator's name or a robot's name and joint mean."""
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
@@ -80,11 +76,7 @@ def chosen_motor(
 
 
 def file_motor(source: str) -> tuple[PmsmParameters, Gear]:
-    """The motor of a motor file or a data sheet, with the gear that the sheet names (1 where it names none).
-
-    Raises:
-        SprintlabError: the file cannot be read or is neither; ``InvalidValueError``: it holds several motors.
-    """
+    """The motor of a motor file or a data sheet, with the sheet's gear, or ratio 1."""
     if "datasheet" in read_toml(source, what="motor file"):
         sheet = load_datasheet(source)
         return datasheet.convert_datasheet(sheet).motor, Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)

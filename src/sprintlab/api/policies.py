@@ -42,11 +42,7 @@ def load_policy(policy: PolicyChoice) -> Policy:
 
 
 def policy_path(policy: PolicyChoice) -> Path:
-    """The file of a policy: a name of the package comes before a file of the same name.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-    """
+    """The file of a policy: a name of the package comes before a file of the same name."""
     if isinstance(policy, Path):
         return policy
     is_path = policy.endswith(".onnx") or bool({"/", "\\"} & set(policy)) or os.path.exists(policy)
@@ -54,12 +50,7 @@ def policy_path(policy: PolicyChoice) -> Path:
 
 
 def open_policy(policy: PolicyChoice, robot: RobotChoice) -> tuple[Path, Policy, RobotDescription]:
-    """A policy with its file, and the robot that was asked for or else that of its contract.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-        SprintlabError: the robot is not known here, or the policy is for another one.
-    """
+    """A policy with its file, and the robot that was asked for or else that of its contract."""
     exit_if_worker()
     path = policy_path(policy)
     loaded = control.load_policy(path)
@@ -69,7 +60,7 @@ def open_policy(policy: PolicyChoice, robot: RobotChoice) -> tuple[Path, Policy,
 
 
 def trial_pool(policy: PolicyChoice, robot: RobotChoice, workers: int | None) -> TrialPool:
-    """Processes for trials of a policy on its robot; errors as in ``open_policy``."""
+    """Processes for trials of a policy on its robot."""
     path, _, described = open_policy(policy, robot)
     return TrialPool(path, described, workers)
 
@@ -80,11 +71,7 @@ def default_robot() -> str:
 
 
 def known_robot(robot: str, name: str) -> str:
-    """A robot that a file names; ``name`` is the file's. It must be a name: no file chooses a path.
-
-    Raises:
-        SprintlabError: that robot is not known here.
-    """
+    """A robot that a file names; ``name`` is the file's. It must be a name: no file chooses a path."""
     if robot not in robot_names():
         raise SprintlabError(
             f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"

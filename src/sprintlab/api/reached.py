@@ -24,9 +24,6 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
     Args:
         folder: folder of the run, with its log and its policy.
         robot: that was trained: name, folder or table.
-
-    Raises:
-        SprintlabError: the log cannot be read.
     """
     log, policy = read_rows(folder / "log.jsonl", LOG_LIMIT), folder / "policy.onnx"
     try:

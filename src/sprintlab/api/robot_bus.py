@@ -118,11 +118,7 @@ def run(
 
 
 def log_path(log: Path | None, bus: str) -> Path | None:
-    """The file asked for, else a new one; none where MCAP is not installed and no file was asked for.
-
-    Raises:
-        SprintlabError: the file asked for exists, or no log can be written there.
-    """
+    """The file asked for, else a new one; none where MCAP is not installed and no file was asked for."""
     if log is not None:
         logs.check_new_log(Path(log))
         return Path(log)

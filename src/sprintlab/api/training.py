@@ -59,9 +59,6 @@ def method(
         robot: name, folder or table; lengths, speeds and masses are scaled to it.
         environments: robots side by side.
         seed: seed of every random generator.
-
-    Raises:
-        SprintlabError: an unknown method or setting, or a value that is not allowed.
     """
     settings = known.method(name, robot=_robot_word(robot), seed=seed)
     sized = {} if environments is None else {"simulation.environments": environments}

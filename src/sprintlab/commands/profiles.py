@@ -30,31 +30,32 @@ class Phase(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedProfile:
-    """Stand, rise to the top speed, hold it, fall to zero, stand.
+class _Rise:
+    """Stand, then rise to the top speed."""
 
-    Attributes:
-        top_speed: commanded speed of the hold [m/s].
-        acceleration: acceleration of rise and fall [m/s^2].
-        hold: duration of the hold [s].
-        stand: duration of the stand before the rise [s].
-        rest: duration of the stand at the end [s].
-
-    Raises:
-        InvalidValueError: top speed or acceleration not positive, hold, stand or rest negative.
-    """
-
-    top_speed: float
-    acceleration: float = 4.0
-    hold: float = 10.0
-    stand: float = 1.0
-    rest: float = 2.0
+    top_speed: float  # greatest commanded speed [m/s]
+    acceleration: float = 4.0  # acceleration of rise and fall [m/s^2]
+    stand: float = 1.0  # duration of the stand before the rise [s]
 
     def __post_init__(self) -> None:
         check_positive("top_speed", self.top_speed, "m/s")
         check_positive("acceleration", self.acceleration, "m/s^2")
-        check_range("hold", self.hold, 0.0, float("inf"), "s")
         check_range("stand", self.stand, 0.0, float("inf"), "s")
+
+    def _rise(self, time: SpeedValues) -> SpeedValues:
+        return np.clip(self.acceleration * (time - self.stand), 0.0, self.top_speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedProfile(_Rise):
+    """Stand, rise to the top speed, hold it, fall to zero, stand."""
+
+    hold: float = 10.0  # duration of the hold [s]
+    rest: float = 2.0  # duration of the stand at the end [s]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("hold", self.hold, 0.0, float("inf"), "s")
         check_range("rest", self.rest, 0.0, float("inf"), "s")
 
     @property
@@ -78,34 +79,16 @@ class SpeedProfile:
 
     def command(self, time: float | SpeedValues) -> SpeedValues:
         """Commanded forward speed [m/s] at ``time`` [s], of the same shape; zero before and after."""
-        rising = self.acceleration * (np.asarray(time) - self.phases[1].start)
         falling = self.acceleration * (self.phases[3].end - np.asarray(time))
-        return np.clip(np.minimum(rising, falling), 0.0, self.top_speed)
+        return np.minimum(self._rise(np.asarray(time)), np.maximum(falling, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
-class SprintProfile:
+class SprintProfile(_Rise):
     """Stand, rise to the top speed, hold it until the distance is run, fall to zero.
 
     The profile does not know where the robot is: the caller says when the distance was reached.
-
-    Attributes:
-        top_speed: greatest commanded speed [m/s].
-        acceleration: acceleration of rise and fall [m/s^2].
-        stand: duration of the stand before the start [s].
-
-    Raises:
-        InvalidValueError: top speed or acceleration not positive, or a negative stand.
     """
-
-    top_speed: float
-    acceleration: float = 4.0
-    stand: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_positive("top_speed", self.top_speed, "m/s")
-        check_positive("acceleration", self.acceleration, "m/s^2")
-        check_range("stand", self.stand, 0.0, float("inf"), "s")
 
     def command(self, time: float | SpeedValues, finish_time: float | None = None) -> SpeedValues:
         """Commanded forward speed [m/s] at ``time`` [s], of the same shape.
@@ -124,9 +107,6 @@ class SprintProfile:
     def end_time(self, finish_time: float) -> float:
         """When the command is zero again [s]."""
         return finish_time + float(self._rise(np.asarray(finish_time))) / self.acceleration
-
-    def _rise(self, time: SpeedValues) -> SpeedValues:
-        return np.clip(self.acceleration * (time - self.stand), 0.0, self.top_speed)
 
 
 def self_paced(

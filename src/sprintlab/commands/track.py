@@ -11,7 +11,6 @@ import numpy as np
 from sprintlab.commands.heading import heading_command, wrap_angle
 from sprintlab.commands.state import limit_yaw_rate
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.checks import check_positive, check_range
 
 KERB_DISTANCE = 0.30
 """The measured line of lane 1 lies this far outside its kerb [m] (World Athletics, Technical Rule 14.2)."""
@@ -21,19 +20,12 @@ LANE_WIDTH = 1.22
 
 
 class PathPoint(NamedTuple):
-    """Where a robot is, as seen from the path.
+    """Where a robot is, as seen from the path."""
 
-    Attributes:
-        progress: arc length of the nearest point of the path [m], from 0 to the path's length.
-        offset: distance from the path [m], positive to the left (the inside of a track).
-        direction: direction of the path there [rad], 0 along x at the start.
-        curvature: curvature of the path there [1/m], positive to the left.
-    """
-
-    progress: float
-    offset: float
-    direction: float
-    curvature: float
+    progress: float  # arc length of the nearest point of the path [m], from 0 to the path's length
+    offset: float  # distance from the path [m], positive to the left (the inside of a track)
+    direction: float  # direction of the path there [rad], 0 along x at the start
+    curvature: float  # curvature of the path there [1/m], positive to the left
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,21 +34,10 @@ class Track:
 
     The defaults are lane 1 of a standard track: bends of 36.50 m at the kerb, measured 0.30 m outside it,
     straights of 84.39 m, 400.00 m in all (World Athletics, Track and Field Facilities Manual).
-
-    Attributes:
-        radius: radius of the bends, on the line that is run [m].
-        straight: length of each straight [m].
-
-    Raises:
-        InvalidValueError: the radius is not positive, or a straight is negative.
     """
 
-    radius: float = 36.50 + KERB_DISTANCE
-    straight: float = 84.39
-
-    def __post_init__(self) -> None:
-        check_positive("track.radius", self.radius, "m")
-        check_range("track.straight", self.straight, 0.0, 1e5, "m")
+    radius: float = 36.50 + KERB_DISTANCE  # radius of the bends, on the line that is run [m]
+    straight: float = 84.39  # length of each straight [m]
 
     @property
     def length(self) -> float:

@@ -23,23 +23,14 @@ from sprintlab.training.settings import ACS, TARGETS, Schedule, TrainingSettings
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """What sets a method apart.
+    """What sets a method apart."""
 
-    Attributes:
-        actuator_model: Motor model in training.
-        schedule: How commands evolve.
-        rewards: Rewards in place of the preset's; None: the preset's.
-        reward_sum: How rewards are added up.
-        saturation: Whether the motors saturate in training.
-        source: Paper that the method follows; empty: the paper of this package.
-    """
-
-    actuator_model: MotorModel = "refined"
-    schedule: Schedule = ACS
-    rewards: Rewards | None = None
-    reward_sum: str = "exponential"
-    saturation: bool = True
-    source: str = ""
+    actuator_model: MotorModel = "refined"  # motor model in training
+    schedule: Schedule = ACS  # how commands evolve
+    rewards: Rewards | None = None  # rewards in place of the preset's; None: the preset's
+    reward_sum: str = "exponential"  # how rewards are added up
+    saturation: bool = True  # whether the motors saturate in training
+    source: str = ""  # paper that the method follows; empty: the paper of this package
 
 
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
@@ -104,9 +95,6 @@ def preset_settings(name: str, base: TrainingSettings | None = None) -> Training
     ``"sprintlab"`` leaves it as it is. ``"paper"`` replaces the rewards, has no constraints and no symmetric
     networks, copies no states, starts no robot fast, lets every robot act with the same noise, asks none for
     less than another, and ends the range at 12 m/s.
-
-    Raises:
-        InvalidValueError: the preset is unknown.
     """
     check_choice("preset", name, PRESETS)
     base = base or TrainingSettings()
@@ -123,11 +111,7 @@ def preset_settings(name: str, base: TrainingSettings | None = None) -> Training
 
 
 def method_settings(name: str, base: TrainingSettings | None = None) -> TrainingSettings:
-    """``base`` (default: all defaults) with what sets method ``name`` apart.
-
-    Raises:
-        InvalidValueError: the method is unknown; the message lists those that are known.
-    """
+    """``base`` (default: all defaults) with what sets method ``name`` apart."""
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
     printed = base.reward == paper_rewards()
@@ -152,9 +136,5 @@ def method(
         robot: name, folder or table of the robot; lengths, speeds and masses are scaled to it.
         preset: Preset of rewards and practice, one of ``PRESETS``.
         seed: Seed of every random generator.
-
-    Raises:
-        InvalidValueError: an unknown method or preset.
-        SprintlabError: the robot is not known, or its table is refused.
     """
     return replace(scaled_settings(robot, method_settings(name, preset_settings(preset))), seed=seed)

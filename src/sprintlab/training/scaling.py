@@ -44,9 +44,6 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
     Args:
         robot: name, folder or table.
         base: settings to scale; all defaults when left out.
-
-    Raises:
-        SprintlabError: the robot is not known, or its table is refused.
     """
     base = base or TrainingSettings()
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)

@@ -35,10 +35,6 @@ def with_changes(settings: Settings, changes: Iterable[str] | Mapping[str, Any])
     Args:
         settings: a frozen dataclass.
         changes: ``["ppo.steps=8", "schedule.kind=UniformSchedule"]``, or a mapping of dotted names to values.
-
-    Raises:
-        SprintlabError: a text without ``=``.
-        InvalidValueError: there is no such setting, the value is of another kind, or the settings refuse it.
     """
     named = changes if isinstance(changes, Mapping) else dict(map(parse_assignment, changes))
     if not named:
@@ -63,9 +59,12 @@ def _merged(old: Any, new: Any) -> Any:
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """``"ppo.steps=8"`` as name and value. Raises ``SprintlabError`` where there is no ``=``."""
+    """``"ppo.steps=8"`` as name and value of TOML, where text needs no quotes."""
     name, value = split_assignment(text)
-    return name, parse_value(value)
+    try:
+        return name, parse_toml(f"value = {value}")["value"]
+    except ValueError:
+        return name, value
 
 
 def split_assignment(text: str) -> tuple[str, str]:
@@ -76,21 +75,8 @@ def split_assignment(text: str) -> tuple[str, str]:
     return name.replace("-", "_"), value
 
 
-def parse_value(text: str) -> Any:
-    """A value of TOML; text needs no quotes."""
-    try:
-        return parse_toml(f"value = {text}")["value"]
-    except ValueError:
-        return text
-
-
 def read_settings(path: Path, base: Settings) -> Settings:
-    """``base`` with what a TOML file says in place; a file that says everything, as ``run.toml``, is whole.
-
-    Raises:
-        SprintlabError: the file cannot be read or is not TOML.
-        InvalidValueError: as ``with_changes``, with the file's name.
-    """
+    """``base`` with what a TOML file says in its place; one that says everything, as ``run.toml``, is all."""
     document, plain = read_toml(path, what="settings"), to_plain(base)
     whole = set(plain) <= set(document)
     try:
@@ -115,11 +101,7 @@ def to_plain(settings: object) -> dict[str, Any]:
 
 
 def from_plain(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
-    """Settings of a class from nested plain values; what is left out keeps its default.
-
-    Raises:
-        InvalidValueError: as ``with_changes``.
-    """
+    """Settings of a class from nested plain values; what is left out keeps its default."""
     return cast("Settings", _value(kind, values, ""))
 
 

@@ -23,9 +23,6 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Para
         function: Function of a term.
         parameters: Values of its parameters by name.
         given: arguments that it gets before them.
-
-    Raises:
-        InvalidValueError: names the parameter.
     """
     known = dict(list(inspect.signature(function).parameters.items())[given:])
     name = getattr(function, "__name__", str(function))
@@ -41,25 +38,18 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Para
 
 @dataclass(frozen=True, kw_only=True)
 class RewardTerm:
-    """One term of the reward.
-
-    Attributes:
-        function: function of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``.
-        weight: one number, or one of stage I and one of stage II; negative for a penalty.
-        parameters: arguments of the function. Those named as in ``scaling.scales`` are scaled to the robot's
-            size.
-        tied: whether the term, a reward, is multiplied by how well the command is held. Without
-            it slow robots earn more than fast ones, since penalties take most of what a runner earns, and
-            fast robots do not turn, since turning costs speed.
-
-    Raises:
-        InvalidValueError: weights of both signs, or parameters that do not fit the function.
-    """
+    """One term of the reward."""
 
     function: Callable[..., Any]
+    """Function of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``."""
     weight: float | tuple[float, float]
+    """One number, or one of stage I and one of stage II; negative for a penalty."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+    """Arguments of the function. Those named as in ``scaling.scales`` are scaled to the robot's size."""
     tied: bool = False
+    """Whether the term, a reward, is multiplied by how well the command is held. Without it slow robots earn
+    more than fast ones, since penalties take most of what a runner earns, and fast robots do not turn, since
+    turning costs speed."""
 
     def __post_init__(self) -> None:
         check_parameters(self.function, self.parameters, given=1)
@@ -93,18 +83,11 @@ def term(
 
 @dataclass(frozen=True, kw_only=True)
 class RandomizationTerm:
-    """One thing that differs from robot to robot.
+    """One thing that differs from robot to robot."""
 
-    Attributes:
-        function: One of ``environment.randomization``, or one's own: ``(Fleet, parameters)``.
-        parameters: Parameters of the function; a pair is an interval.
-
-    Raises:
-        InvalidValueError: parameters that do not fit the function, or an interval that is not ordered.
-    """
-
-    function: Callable[..., Any]
+    function: Callable[..., Any]  # one of environment.randomization, or one's own: (Fleet, parameters)
     parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+    """Parameters of the function; a pair is an interval."""
 
     def __post_init__(self) -> None:
         check_parameters(self.function, self.parameters, given=1)

@@ -37,11 +37,7 @@ class Progress:
 
 
 def write_checkpoint(state: Mapping[str, Any], path: Path) -> None:
-    """Write nested dictionaries and lists of tensors, numbers, texts and settings, in one step.
-
-    Raises:
-        SprintlabError: the disk refuses.
-    """
+    """Write nested dictionaries and lists of tensors, numbers, texts and settings, in one step."""
     import torch
 
     content = io.BytesIO()
@@ -50,11 +46,7 @@ def write_checkpoint(state: Mapping[str, Any], path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Load a checkpoint onto the CPU.
-
-    Raises:
-        SprintlabError: missing, truncated, damaged, of another format, or written by something else.
-    """
+    """Load a checkpoint onto the CPU."""
     if not path.is_file():
         raise SprintlabError(f"{path} is not a checkpoint: there is no such file")
     try:

@@ -35,11 +35,7 @@ EXPORT_TOLERANCE = 1e-4
 
 
 def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
-    """The actor with its weights, on the CPU, in evaluation mode.
-
-    Raises:
-        SprintlabError: weights and settings do not fit each other.
-    """
+    """The actor with its weights, on the CPU, in evaluation mode."""
     settings: TrainingSettings = state["settings"]
     actor = build_actor(settings, load_robot(settings.robot))
     with refused_as_damaged("the policy of this checkpoint", "is not of the size that its settings say"):

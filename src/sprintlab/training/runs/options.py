@@ -20,15 +20,10 @@ _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 @dataclass(frozen=True, kw_only=True)
 class RunLength:
-    """When a run ends: its phases begin at shares of this.
+    """When a run ends: its phases begin at shares of this."""
 
-    Attributes:
-        iterations: Iterations of the run; None: as many as fit into the time.
-        seconds: Training time of the run, over all sessions [s]; None: no limit.
-    """
-
-    iterations: int | None = None
-    seconds: float | None = None
+    iterations: int | None = None  # iterations of the run; None: as many as fit into the time
+    seconds: float | None = None  # training time of the run, over all sessions [s]; None: no limit
 
     def share(self, progress: Progress) -> float:
         """Share of the run that is done, from 0 to 1."""
@@ -42,40 +37,27 @@ class RunLength:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """A session of training: what is trained, for how long, and where to.
-
-    Attributes:
-        settings: Every choice of the run: ``training.methods.method``.
-        output: Folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
-        minutes: The run ends after so much training time, over all sessions. Without minutes and iterations
-            a resumed run keeps its length, and a new one takes 7 minutes on a GPU and 60 on a CPU.
-        iterations: The run ends at this iteration, at most 30,000.
-        environments: Robots side by side; those of the settings when left out.
-        device: ``cuda:0``, ``cpu`` or ``auto``. On a CPU settings of the default size become small ones.
-        resume: Go on, with its settings, from the checkpoint in ``output`` where there is one.
-        save_seconds: Time between checkpoints.
-        milestones: The policy is kept at every multiple of this training time [s], as
-            ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
-        fused: Graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
-        tensorboard: Curves are written to ``output/tensorboard``.
-        wandb: Project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
-
-    Raises:
-        InvalidValueError: a number out of range.
-    """
+    """A session of training: what is trained, for how long, and where to."""
 
     settings: TrainingSettings = field(default_factory=TrainingSettings)
+    """Every choice of the run: ``training.methods.method``."""
     output: Path = Path("runs/train")
+    """Folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``."""
     minutes: float | None = None
-    iterations: int | None = None
-    environments: int | None = None
-    device: str = "auto"
-    resume: bool = False
-    save_seconds: float = 60.0
+    """The run ends after so much training time, over all sessions. Without minutes and iterations a resumed
+    run keeps its length, and a new one takes 7 minutes on a GPU and 60 on a CPU."""
+    iterations: int | None = None  # the run ends at this iteration, at most 30,000
+    environments: int | None = None  # robots side by side; those of the settings when left out
+    device: str = "auto"  # cuda:0, cpu or auto. On a CPU settings of the default size become small ones
+    resume: bool = False  # go on, with its settings, from the checkpoint in output where there is one
+    save_seconds: float = 60.0  # time between checkpoints
     milestones: float | None = None
+    """The policy is kept at every multiple of this training time [s], as ``output/milestones/0030.pt`` and so
+    on: how the speed came about can be measured afterwards."""
     fused: bool = True
-    tensorboard: bool = True
-    wandb: str | None = None
+    """Graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly."""
+    tensorboard: bool = True  # curves are written to output/tensorboard
+    wandb: str | None = None  # project on Weights & Biases that gets the same curves (needs the extra wandb)
 
     def __post_init__(self) -> None:
         if self.minutes is not None:

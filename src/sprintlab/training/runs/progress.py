@@ -40,11 +40,7 @@ class Board:
         self._last = float("-inf")
 
     def add(self, row: dict[str, float]) -> None:
-        """A point on every curve, unless the last is less than a second old and there was no exam.
-
-        Raises:
-            UnwrittenError: the disk refuses.
-        """
+        """A point on every curve, unless the last is less than a second old and there was no exam."""
         now = time.monotonic()
         if now - self._last < BOARD_SECONDS and EXAM not in row:
             return

@@ -17,7 +17,7 @@ from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
 from sprintlab.training.runs.clip import Clips
-from sprintlab.training.runs.guard import StopRequest
+from sprintlab.training.runs.guard import stop_requests
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import EXAM, Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.runner import Runner, command_line, device_description
@@ -130,7 +130,7 @@ def _session(runner: Runner, options: TrainOptions) -> None:
         clips = Clips(options.output, runner.settings.robot)
     rolled_back = float(runner.learner.rolled_back)
     reporter = Reporter(_title(runner), runner.share, board, rolled_back, quiet=not leads)
-    with StopRequest().listening() as stop, reporter:
+    with stop_requests() as stop, reporter:
         _loop(runner, options, stop, reporter, clips)
         if clips is not None:
             reporter.film(clips.finished(wait=_CLIP_SECONDS))
@@ -139,7 +139,6 @@ def _session(runner: Runner, options: TrainOptions) -> None:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
         else:
             reporter.say(f"done: iteration {progress.iteration}, {options.checkpoint}")
-        stop.leave()
 
 
 def _title(runner: Runner) -> str:
@@ -150,7 +149,7 @@ def _title(runner: Runner) -> str:
 
 
 def _loop(
-    runner: Runner, options: TrainOptions, stop: StopRequest, reporter: Reporter, clips: Clips | None
+    runner: Runner, options: TrainOptions, stop: list[int], reporter: Reporter, clips: Clips | None
 ) -> None:
     """Iterate; every process stops and saves at the same iteration as the others."""
     saved, ended = time.monotonic(), runner.share >= 1.0

@@ -32,19 +32,12 @@ OUTPUT = "output.txt"
 
 @dataclass(frozen=True, kw_only=True)
 class SweptRun:
-    """One training of a sweep.
+    """One training of a sweep."""
 
-    Attributes:
-        name: The run in words: its varied settings, method and seed.
-        folder: ``<sweep>/<method>/seed-<seed>``, below a folder of the varied settings if there are any.
-        words: Words of ``sprintlab train`` that train it, or go on with it.
-        digest: Hash of its settings.
-    """
-
-    name: str
-    folder: Path
-    words: tuple[str, ...]
-    digest: str
+    name: str  # the run in words: its varied settings, method and seed
+    folder: Path  # <sweep>/<method>/seed-<seed>, below a folder of the varied settings if there are any
+    words: tuple[str, ...]  # words of sprintlab train that train it, or go on with it
+    digest: str  # hash of its settings
 
     @property
     def command(self) -> str:
@@ -91,9 +84,6 @@ def plan_sweep(
         fixed: Settings that differ from the defaults in every run, ``"ppo.steps=16"``.
         varied: Settings and their values; each combination gets a folder, ``name=value,name=value``.
         limits: Values of ``minutes``, ``iterations``, ``environments`` and ``device`` of ``TrainOptions``.
-
-    Raises:
-        InvalidValueError: an unknown method or setting, or a number out of range.
     """
     runs: list[SweptRun] = []
     limits = {name: value for name, value in limits.items() if value is not None}
@@ -121,7 +111,7 @@ def plan_sweep(
 
 
 def parse_variations(variations: Sequence[str]) -> dict[str, list[str]]:
-    """``["ppo.steps=8,16"]`` as a mapping to texts; errors as in ``with_changes``."""
+    """``["ppo.steps=8,16"]`` as a mapping to texts."""
     return {name: _VALUE.findall(text) for name, text in map(split_assignment, variations)}
 
 
