@@ -37,9 +37,6 @@ def permitted_speed(
     """The highest speed that a policy may be asked for [m/s].
 
     Args:
-        name: the policy's name, as the operator gave it.
-        policy: the policy to judge.
-        robot: the robot that it is to drive.
         asked: the operator's choice [m/s]; ``None`` takes the highest at which a simulated trial passes.
         self_paced: whether the command will be held near the measured speed.
         needed: whether a trial must pass, as for a robot that may be real.

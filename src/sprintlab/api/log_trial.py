@@ -38,8 +38,6 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
     """The part of a log in which the policy drove; its time starts with the policy.
 
     Args:
-        record: the log.
-        robot: the robot that was driven.
         distance: to be timed [m].
 
     Raises:

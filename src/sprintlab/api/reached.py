@@ -19,12 +19,7 @@ LOG_LIMIT = 64 << 20
 
 
 def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType]:
-    """Run a few trials of a training's policy in the plant, and say what came of them.
-
-    Args:
-        folder: folder of the run, with its log and its policy.
-        robot: that was trained: name, folder or table.
-    """
+    """Run a few trials of a training's policy in the plant, and say what came of them."""
     log, policy = read_rows(folder / "log.jsonl", LOG_LIMIT), folder / "policy.onnx"
     try:
         found = trials.reached_speed(policy, load_robot(robot), asked_speed(log))

@@ -152,10 +152,8 @@ def quantities(
     Mappings give a row an entry; lists of other than numbers, and what is not known, none.
 
     Args:
-        title: title of the table.
         numbers: as JSON has them.
         others: the same numbers of further columns.
-        names: headings of the columns.
         units: units of keys that do not end in theirs.
     """
     columns = [dict(_flat(each)) for each in (numbers, *others)]

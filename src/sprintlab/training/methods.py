@@ -132,9 +132,6 @@ def method(
     """The settings of a run.
 
     Args:
-        name: Name of the method, one of ``ALL_METHODS``.
         robot: name, folder or table of the robot; lengths, speeds and masses are scaled to it.
-        preset: Preset of rewards and practice, one of ``PRESETS``.
-        seed: Seed of every random generator.
     """
     return replace(scaled_settings(robot, method_settings(name, preset_settings(preset))), seed=seed)

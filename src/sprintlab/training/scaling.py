@@ -40,10 +40,6 @@ def scaled_settings(robot: str, base: TrainingSettings | None = None) -> Trainin
     """``base``, which is for BP2, for ``robot``: lengths by leg length, speeds and times by Froude number.
 
     The payload goes with the mass. For BP2 nothing changes.
-
-    Args:
-        robot: name, folder or table.
-        base: settings to scale; all defaults when left out.
     """
     base = base or TrainingSettings()
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)

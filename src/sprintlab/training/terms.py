@@ -20,8 +20,6 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Para
     """Refuse parameters that a function does not have, or that it needs and are missing.
 
     Args:
-        function: Function of a term.
-        parameters: Values of its parameters by name.
         given: arguments that it gets before them.
     """
     known = dict(list(inspect.signature(function).parameters.items())[given:])

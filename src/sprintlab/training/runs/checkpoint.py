@@ -62,10 +62,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
     """Refuse another robot than the one that was trained: a policy would bear its name, and a run mix both.
 
-    Args:
-        state: read from a checkpoint.
-        robot: the robot that its settings name now.
-
     Raises:
         SprintlabError: its table has changed since.
     """

@@ -33,7 +33,6 @@ class Clips:
 
     Args:
         folder: Folder of the run: clips are GIFs in its folder ``clips``.
-        robot: Name, folder or table of the robot.
 
     Attributes:
         working: Whether clips can be rendered here, as far as is known.
@@ -46,12 +45,7 @@ class Clips:
         self.working = True
 
     def begin(self, path: FloatArray, iteration: int) -> None:
-        """Start to render generalized positions ``(steps, nq)``.
-
-        Args:
-            path: Positions of one robot.
-            iteration: Iteration of the exam, which names the file.
-        """
+        """Start to render generalized positions ``(steps, nq)``."""
         finite = np.isfinite(path).all(1)
         path = path[: len(path) if finite.all() else int(finite.argmin())]
         if not self.working or self._process is not None or len(path) < EVERY:

@@ -53,10 +53,6 @@ class ExportedPolicy(NamedTuple):
 def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
-    Args:
-        checkpoint: Checkpoint of a training run.
-        output: File to write.
-
     Raises:
         SprintlabError: the checkpoint cannot be read, its robot's table has changed, or the disk refuses.
         PolicyFileError: ONNX Runtime and PyTorch differ by more than ``EXPORT_TOLERANCE`` on random inputs

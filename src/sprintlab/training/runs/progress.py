@@ -29,7 +29,6 @@ class Board:
     """Curves for TensorBoard in a folder; at most one point a second.
 
     Args:
-        folder: Folder of the event files.
         iteration: Iteration that was reached: later points of a session that was killed are hidden.
     """
 
@@ -72,9 +71,7 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
     """Send what TensorBoard gets to Weights & Biases, too; must be called before the board is made.
 
     Args:
-        project: Project there.
         folder: Folder of the run; its name becomes the run's, and a resumed run goes on there.
-        settings: Settings of the run.
     """
     import wandb
 
@@ -112,9 +109,6 @@ class Reporter:
     """Progress on stderr: a table on a terminal, else a line every ten seconds.
 
     Args:
-        title: What is trained, and where.
-        share: Share of the run that is done when this session begins.
-        board: Curves to fill, too.
         rolled_back: Updates taken back before this session.
         quiet: Print nothing: for the processes that do not lead.
     """

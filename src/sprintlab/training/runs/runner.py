@@ -84,11 +84,7 @@ class Runner:
     """One run: made from settings, or taken up again from its checkpoint.
 
     Args:
-        settings: The whole configuration.
-        device: ``"cuda:0"`` or ``"cpu"``.
         command_line: Command as typed, which goes into the policy's contract.
-        fused: Graphs and compiled kernels (GPU only); without them the same code runs plainly.
-        workers: Processes that train together.
 
     Attributes:
         length: When the run ends.

@@ -80,10 +80,7 @@ def screen(
     """The table of a training.
 
     Args:
-        title: What is trained.
-        row: The present iteration, as the log has it.
         exam: Numbers of the latest exam, and its iteration; empty before the first.
-        share: Share of the run that is done.
         left: Time until its end [s].
         height: Height of the terminal [lines]; reward terms are left out where they do not fit.
     """

@@ -16,9 +16,6 @@ class Stopwatch:
 
     A mark is an event in the GPU's queue, or a moment of the host's clock on a CPU. The parts are read after
     the iteration's numbers have been read back, when all of them are over.
-
-    Args:
-        device: Device of the training.
     """
 
     def __init__(self, device: str) -> None:

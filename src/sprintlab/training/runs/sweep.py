@@ -76,11 +76,6 @@ def plan_sweep(
     """Every combination, method by method.
 
     Args:
-        folder: Folder of the sweep.
-        robot: Robot to train.
-        methods: Methods to train it with.
-        preset: Preset of rewards and practice.
-        seeds: Seeds of each method.
         fixed: Settings that differ from the defaults in every run, ``"ppo.steps=16"``.
         varied: Settings and their values; each combination gets a folder, ``name=value,name=value``.
         limits: Values of ``minutes``, ``iterations``, ``environments`` and ``device`` of ``TrainOptions``.
@@ -134,12 +129,9 @@ def train_all(
     """Train what is not finished, one process per device; ended early, they save and end as well.
 
     Args:
-        runs: Runs of the sweep.
         devices: Devices to train on; one that is named twice trains two runs at a time.
-        retries: How often a run that failed or was killed is started again.
         watch: Called now and then with the state of every run by its name: waiting, running, finished or
             failed.
-        pause: Time between two calls [s].
 
     Raises:
         SprintlabError: a folder holds another run, or runs failed; the message names them and why.
