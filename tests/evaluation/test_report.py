@@ -11,13 +11,11 @@ from PIL import Image
 
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation import figures, report, video
-from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
+from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.metrics import on_envelope
 from sprintlab.evaluation.race_files import save_trajectory
-from sprintlab.evaluation.report_text import audit_verdict, battery_text, result_rows
+from sprintlab.evaluation.report_text import battery_text, result_rows
 from sprintlab.evaluation.results import (
-    AuditItem,
-    AuditReport,
     RaceResult,
     SpeedResult,
     SprintResult,
@@ -128,22 +126,6 @@ def test_what_cannot_be_drawn_is_refused(trial, make_trial):
     broken[250, 3] = np.inf
     with pytest.raises(SimulationError, match=r"joint_velocity at 0\.500 s"):
         require_finite(replace(trial.trajectory, joint_velocity=broken))
-
-
-@pytest.mark.parametrize(
-    ("failed", "verdict"),
-    [
-        ((), "passed"),
-        ((CLOCK_ITEM,), "by the clock alone: evaluate --clock-check"),
-        ((CLOCK_ITEM, "smallest leg distance"), "FAILED 2 of 2 checks: do not trust the speeds"),
-    ],
-)
-def test_the_verdict_tells_a_clock_from_an_exploit(failed, verdict):
-    items = [
-        AuditItem(name=name, value=0.0, unit="m", threshold=0.0, passed=name not in failed, note="")
-        for name in (CLOCK_ITEM, "smallest leg distance")
-    ]
-    assert verdict in audit_verdict(AuditReport(items=tuple(items)))
 
 
 def rows_by_name(race):
