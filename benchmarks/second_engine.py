@@ -3,8 +3,8 @@
     python benchmarks/second_engine.py sprint --workers 2 --store
 
 One 100 m and ten seeded trials of the raw profile in each engine at the headline speed, with the same draws.
-A policy takes about 6 minutes of one core, most of it Drake's. ``--store`` keeps a policy's numbers in the
-package and in results/second_engine as soon as it is finished.
+A policy takes about 6 minutes of one core, most of it Drake's. ``--store`` keeps a policy's numbers in
+results/second_engine as soon as it is finished.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sprintlab.core.files import atomic_write_json
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult, TrialResult
-from sprintlab.evaluation.second_engine import STORED, engine_requests, mark, speed_change
+from sprintlab.evaluation.second_engine import engine_requests, mark, speed_change
 from sprintlab.plant import ENGINES, check_engine
 from sprintlab.robots import load_robot
 
@@ -87,9 +87,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--trials", type=int, default=10, help="seeded trials per engine")
     parser.add_argument("--hold", type=float, default=10.0, help="[s]")
     parser.add_argument("--output", type=Path, help="also write JSON there")
-    parser.add_argument(
-        "--store", action="store_true", help="keep the numbers in the package, for its reports"
-    )
+    parser.add_argument("--store", action="store_true", help="keep the numbers in results/second_engine")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     return parser.parse_args()
 
@@ -120,10 +118,8 @@ def document(rows: dict[str, Any]) -> dict[str, Any]:
 def store(rows: dict[str, Any]) -> None:
     """Keep the rows of the package's policies, the new ones in place of those of the same file."""
     shipped = {digest(shipped_policy(name)) for name in shipped_policies()}
-    known = {**json.loads(STORED.read_text(encoding="utf-8")), **rows}
-    kept = {key: row for key, row in known.items() if key in shipped}
-    atomic_write_json(STORED, kept)
-    atomic_write_json(RESULT, document(kept))
+    known = {**json.loads(RESULT.read_text(encoding="utf-8"))["policies"], **rows}
+    atomic_write_json(RESULT, document({key: row for key, row in known.items() if key in shipped}))
 
 
 def show(result: dict[str, Any]) -> None:

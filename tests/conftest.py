@@ -113,16 +113,6 @@ def not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def light_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of a race in one look, also where the dark one belongs: ``test_report.py`` draws both."""
-    from sprintlab.core.theme import LIGHT, png_bytes
-
-    monkeypatch.setattr(
-        "sprintlab.evaluation.report.png_in_both_looks", lambda draw: (png_bytes(draw(LIGHT)),) * 2
-    )
-
-
-@pytest.fixture
 def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop in this process locks none: all that was ever imported or mapped would become resident."""
     monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda: None)
@@ -131,7 +121,7 @@ def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of a race take seconds to draw: for tests that do not look at them."""
-    monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
+    monkeypatch.setattr("sprintlab.evaluation.report.png_bytes", lambda figure: b"picture")
 
 
 @pytest.fixture(scope="session")

@@ -18,8 +18,8 @@ HEAVY = ("mujoco", "torch", "onnxruntime", "matplotlib", "numpy", "warp")
 
 
 def test_what_is_typed_arrives_as_the_function_takes_it(call):
-    _, given = parse(["race", "sprint", "--top-speed", "5", "--no-video", "--battery"])
-    assert (given["policy"], given["top_speed"], given["video"]) == ("sprint", 5.0, False)
+    _, given = parse(["race", "sprint", "--top-speed", "5", "--no-report", "--battery"])
+    assert (given["policy"], given["top_speed"], given["report"]) == ("sprint", 5.0, False)
     assert given["drive"].battery and not given["drive"].heat
     _, given = parse(["sweep", "runs", "--methods", "acs", "baseline", "--set", "a=1", "--set", "b=2"])
     assert (given["methods"], given["set"]) == (("acs", "baseline"), ("a=1", "b=2"))

@@ -6,10 +6,8 @@ import pytest
 
 from sprintlab.core.theme import (
     LIGHT,
-    THEMES,
     figure_legend,
     png_bytes,
-    png_in_both_looks,
     save_figure,
     themed_figure,
 )
@@ -40,10 +38,6 @@ def test_a_png_is_that_of_savefig_and_leaves_the_figure_as_it_was():
     canvas, dpi = figure.canvas, figure.dpi
     assert png_bytes(figure, 90) == saved(two_panels(LIGHT), 90)
     assert figure.canvas is canvas and figure.dpi == dpi
-
-
-def test_both_looks_are_those_of_figures_drawn_by_themselves():
-    assert png_in_both_looks(two_panels) == tuple(saved(two_panels(theme)) for theme in THEMES)
 
 
 @pytest.mark.parametrize("ending", ["pdf", "svg"])

@@ -1,4 +1,4 @@
-"""Figures, report and video of a race."""
+"""Figures and report of a race."""
 
 import base64
 import io
@@ -10,10 +10,9 @@ import pytest
 from PIL import Image
 
 from sprintlab.core.errors import SimulationError
-from sprintlab.evaluation import figures, report, video
+from sprintlab.evaluation import figures, report
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.metrics import on_envelope
-from sprintlab.evaluation.race_files import save_trajectory
 from sprintlab.evaluation.report_text import battery_text, result_rows
 from sprintlab.evaluation.results import (
     RaceResult,
@@ -68,30 +67,24 @@ def race(trial, make_trial):
 
 @pytest.fixture
 def page(race, robot):
-    tiny = report.Picture(name="speed", title="Speed", caption="Look.", light=b"light", dark=b"dark")
-    return report.render_report(
-        race, robot, [tiny], facts=[("command", "sprintlab race")], video_message="no GL"
-    )
+    tiny = report.Picture(name="speed", title="Speed", caption="Look.", png=b"picture")
+    return report.render_report(race, robot, [tiny], facts=[("command", "sprintlab race")])
 
 
-def test_every_picture_is_a_png_in_both_looks(race, robot):
+def test_every_picture_is_a_png(race, robot):
     drawn = []
     pictures = report.draw_pictures(report.planned_figures(race, robot), drawn.append)
     assert len(pictures) == len(drawn) == 6
     for picture in pictures:
-        light, dark = (Image.open(io.BytesIO(data)) for data in (picture.light, picture.dark))
-        assert light.size == dark.size and light.width > 900
-        corner = np.asarray(light.convert("RGB"))[0, 0], np.asarray(dark.convert("RGB"))[0, 0]
-        assert corner[0].min() > 200 and corner[1].max() < 60
+        assert Image.open(io.BytesIO(picture.png)).width > 900
 
 
 def test_the_report_is_one_file_that_loads_nothing_and_says_what_happened(page):
     assert not re.findall(r"""(?:src|srcset|href)=["'](?!data:|#)""", page) and "http" not in page
-    assert base64.b64encode(b"light").decode() in page and base64.b64encode(b"dark").decode() in page
+    assert base64.b64encode(b"picture").decode() in page
     assert "test &lt;policy&gt;" in page  # escaped
     assert "not finished" in page and "9.00" in page
     assert "1 of 2" in page and "fell at 3.0 s (tilt)" in page
-    assert "no GL" in page and "<video" not in page
     assert "exploit audit passed" in page and "1 must complete" in page
     targets = re.findall(r'href="#([\w-]+)"', page)
     assert targets and all(f'id="{target}"' in page for target in targets)
@@ -99,11 +92,10 @@ def test_the_report_is_one_file_that_loads_nothing_and_says_what_happened(page):
 
 def test_a_failed_audit_is_marked(race, robot, trial):
     sunk = replace(race, audit=audit_trials([replace(trial.metrics, pad_deflection=0.05)]))
-    page = report.render_report(sunk, robot, [], video=b"film")
-    assert "exploit audit FAILED 1 of 15 checks" in page and ">FAIL<" in page
+    page = report.render_report(sunk, robot, [])
+    assert "exploit audit FAILED 1 of 14 checks" in page and ">FAIL<" in page
     first_screen = page[: page.index('<div class="tiles">')]
     assert "<li>pad deflection 50 mm: at most 15</li>" in first_screen
-    assert f"data:video/mp4;base64,{base64.b64encode(b'film').decode()}" in page
 
 
 def test_figures_show_contacts_costs_and_samples_on_the_envelope(trial, robot):
@@ -173,32 +165,3 @@ def test_results_carry_their_spread(race, trial):
     rows = rows_by_name(replace(race, raw=replace(race.raw, trials=(trial, faster))))
     assert rows["held speed"].raw == f"{trial.metrics.held_speed + 0.5:.2f} ± 0.71"
     assert "±" not in rows["held speed"].self_paced  # one completed trial has no spread
-
-
-# --- video -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def recording(trial, tmp_path):
-    save_trajectory(tmp_path / "run.npz", trial.trajectory)
-    return tmp_path / "run.npz", tmp_path / "run.mp4"
-
-
-def test_what_is_missing_is_said_in_one_line(recording, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    monkeypatch.setattr(video, "has_encoder", lambda: True)
-    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_BACKEND
-    assert not recording[1].exists()
-    monkeypatch.setattr(video, "working_gl_backend", lambda: "egl")
-    monkeypatch.setattr(video, "_RENDER_SECONDS", 0.01)
-    assert video.render_video(*recording, "bp2", 7.0) == video.TOO_SLOW
-    monkeypatch.setattr(video, "has_encoder", lambda: False)
-    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_ENCODER
-
-
-def test_a_video_is_rendered_where_a_backend_works(trial, recording):
-    if not video.has_encoder() or video.working_gl_backend() is None:
-        pytest.skip("no OpenGL backend or no encoder here")
-    np.savez(recording[0], **{name: values[:60] for name, values in trial.trajectory.arrays().items()})
-    assert video.render_video(*recording, "bp2", 0.05) == ""
-    assert recording[1].read_bytes()[4:8] == b"ftyp"

@@ -1,21 +1,16 @@
-"""Two engines side by side: the rows, the mark, what is stored of the policies of the package."""
+"""Two engines side by side: the rows, and the mark."""
 
-import hashlib
 import json
 
 import pytest
 from tests.short_trials import COARSE
 
-from sprintlab.evaluation import second_engine
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
 from sprintlab.evaluation.report import render_report
 from sprintlab.evaluation.report_text import engine_fault, engine_table
 from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult
-from sprintlab.evaluation.second_engine import (
-    mark,
-    stored_remark,
-)
+from sprintlab.evaluation.second_engine import mark
 
 SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=COARSE)
 
@@ -67,18 +62,3 @@ def test_race_in_both_engines(standing_policy, robot):
     page = render_report(race, robot, ())
     assert "Two physics engines" in page
     assert engine_fault(race) == ""
-
-
-def test_stored_numbers_belong_to_one_file(tmp_path, monkeypatch):
-    store, digest = tmp_path / "second_engine.json", hashlib.sha256(b"policy").hexdigest()
-    row = {
-        "top_speed_command_m_s": 12.0,
-        "mujoco": {"held_speed_m_s": 11.0},
-        "drake": {"held_speed_m_s": 9.0},
-        "mark": "it holds 18 % less speed",
-    }
-    store.write_text(json.dumps({digest: row}))
-    monkeypatch.setattr(second_engine, "STORED", store)
-    assert "11.00 m/s in MuJoCo and 9.00 m/s in Drake; MARKED" in stored_remark(digest)
-    other = hashlib.sha256(b"another policy").hexdigest()
-    assert stored_remark(other) == ""

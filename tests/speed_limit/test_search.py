@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +8,17 @@ from sprintlab.core.theme import png_bytes
 from sprintlab.robots import load_robot
 from sprintlab.speed_limit import (
     SearchSettings,
-    TrainedSpeed,
     evaluate,
     fastest_stride,
     scalings,
     speed_limit,
     stride_facts,
-    trained_speeds,
     violations,
 )
 from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.stride import GROUPS
 
 ONE_START = SearchSettings(starts=1)
-RESULT = {"robot": "bp2", "policy": "p", "held_speed_m_s": 9.0, "falls": 0}
 
 
 def test_the_stride_found_keeps_every_limit(bp2, fastest):
@@ -104,8 +100,6 @@ def test_the_whole_answer_and_its_picture(bp2, fastest, monkeypatch):
     assert png_bytes(limit_figure(limit, bp2)).startswith(b"\x89PNG")
     above = ["The fastest stride", "Hip over its envelope", "Knee over its envelope"]
     assert panels(limit, bp2) == [*above, "Limit if this were no limit"]
-    trained = (TrainedSpeed(policy="p", speed=9.0, source="result.json"),)
-    assert panels(replace(limit, lifted=(), trained=trained), bp2) == [*above, "What policies reach"]
     assert panels(replace(limit, lifted=()), bp2) == above
 
 
@@ -124,25 +118,3 @@ def test_bad_requests_are_refused(fields):
 def test_bad_settings_are_refused(fields):
     with pytest.raises(InvalidValueError, match=next(iter(fields))):
         SearchSettings(**fields)
-
-
-def test_trained_speeds_come_from_result_files(tmp_path):
-    def result(folder, **fields):
-        (tmp_path / folder).mkdir()
-        text = json.dumps({**RESULT, "policy": folder, **fields})
-        (tmp_path / folder / "result.json").write_text(text, encoding="utf-8")
-
-    result("slow")
-    result("fast", held_speed_m_s=10.0)
-    result("again", policy="fast", held_speed_m_s=9.5)
-    result("fallen", held_speed_m_s=12.0, falls=1)
-    result("other", robot="go1", held_speed_m_s=11.0)
-    result("absurd", held_speed_m_s=1e308)
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
-    rows = [{"held_speed": 10.5, "passed": True}, {"held_speed": 11.0, "passed": False}]
-    study = {"robot": "bp2", "method": "study", "raw": {"speeds": rows}}
-    (tmp_path / "evaluation.json").write_text(json.dumps(study), encoding="utf-8")
-    found = trained_speeds(tmp_path, "bp2")
-    assert [(item.policy, item.speed) for item in found] == [("study", 10.5), ("fast", 10.0), ("slow", 9.0)]
-    assert trained_speeds(tmp_path / "nowhere", "bp2") == ()

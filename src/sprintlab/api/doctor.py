@@ -14,7 +14,6 @@ from sprintlab.api.results import Progress, Result, records, silent, styled
 from sprintlab.core.arguments import checked
 from sprintlab.core.extras import keep_compiled_code_private, package_version
 from sprintlab.core.interpreters import new_interpreter
-from sprintlab.evaluation import video
 
 LEAST_DISK = 1e9
 """Free space that a training run with its checkpoints and logs should find [bytes]."""
@@ -44,7 +43,7 @@ print(f"compiled and run on {device}")
 _COMPILERS = ("gcc", "clang", "cc")
 PACKAGES = {
     "": "numpy mujoco onnxruntime matplotlib", "train": "torch tensorboard", "drake": "drake",
-    "play": "viser", "log": "mcap", "unitree": "cyclonedds", "video": "imageio-ffmpeg", "wandb": "wandb",
+    "play": "viser", "log": "mcap", "unitree": "cyclonedds", "wandb": "wandb",
     "rsl-rl": "rsl-rl-lib", "mjlab": "mjlab",
 }  # fmt: skip
 """The packages that matter, by the extra that brings them."""
@@ -105,7 +104,6 @@ def _findings(training: bool, progress: Progress) -> Iterator[dict[str, str]]:
         ("CUDA", "training on a GPU", _cuda, True),
         ("C compiler", "training at full speed (torch.compile)", _compiler, False),
         ("torch.compile", "training at full speed", _compilation, True),
-        ("OpenGL backend", "videos", _opengl, True),
         ("disk", "runs", lambda: room_at(Path("runs")), False),
     ):
         progress(name, None)
@@ -177,13 +175,6 @@ def _compilation() -> Outcome:
         return "missing", "no C compiler", "needs one, see above"
     keep_compiled_code_private()
     return _probe(_COMPILE, "needs Python's headers (apt install python3-dev) and on a GPU Triton")
-
-
-def _opengl() -> Outcome:
-    if backend := video.working_gl_backend():
-        return "ok", backend, ""
-    advice = "install one, e.g. apt install libegl1 libosmesa6; everything but videos works without"
-    return "missing", "none renders", advice
 
 
 def room_at(folder: Path) -> Outcome:

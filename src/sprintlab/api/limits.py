@@ -14,7 +14,6 @@ from sprintlab.api.motors import chosen_motor
 from sprintlab.api.results import Drawn, Progress, drawn, quantities, records, silent
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import check_folder
 from sprintlab.deployment import log as logs
 from sprintlab.evaluation.rollouts import Rollout, load_rollout
 from sprintlab.motors.voltage import check_bus_voltage
@@ -38,7 +37,6 @@ def limit(
     starts: int = 6,
     max_stride: float | None = None,
     min_duty: float | None = None,
-    results: Path | str | None = None,
     progress: Progress = silent,
 ) -> Drawn:
     """Estimate from above how fast a robot can run, from its motors and legs alone.
@@ -51,17 +49,13 @@ def limit(
         starts: random strides to begin from; more find a little more.
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
-        results: folder whose result.json files say what trained policies reach; ./results when left out.
     """
-    if results is not None:
-        check_folder(results)
     described = load_robot(robot)
     found = limits.speed_limit(
         described,
         settings=limits.SearchSettings(starts=starts, max_stride=max_stride, min_duty=min_duty),
         factors=() if quick else FACTORS,
         causes=() if quick else tuple(limits.LIMITS_TO_LIFT),
-        trained=limits.trained_speeds(Path(results or "results"), described.name),
         progress=progress,
     )
     numbers = {
@@ -71,10 +65,9 @@ def limit(
         "stride": asdict(found.facts),
         "limit_without": [asdict(item) for item in found.lifted],
         "sensitivities": [asdict(item) for item in found.sensitivities],
-        "trained": [asdict(item) for item in found.trained],
     }
     shown: list[RenderableType] = [quantities("Speed limit (upper estimate)", numbers, units=UNITS)]
-    for title in ("trained", "limit_without", "sensitivities"):
+    for title in ("limit_without", "sensitivities"):
         if numbers[title]:
             shown.append(records(f"\n{title.replace('_', ' ')}, speeds in m/s", numbers[title]))
     draw = drawn("speed_limit.figure.limit_figure", found, limits.runner_from_robot(described))

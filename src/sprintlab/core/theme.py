@@ -9,7 +9,7 @@ Nothing here touches ``pyplot``, so figures can be made in threads and without a
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,6 @@ DARK = Theme(
     shade="#1a202a",
     legs=("#5cb0ff", "#3ccfbf", "#ff9559", "#b5a3ff"),
 )
-THEMES = (LIGHT, DARK)
 
 
 def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
@@ -87,18 +86,6 @@ def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
         figure.set_dpi(before)
         figure.set_canvas(canvas)
     return buffer.getvalue()
-
-
-def png_in_both_looks(draw: Callable[[Theme], Figure]) -> tuple[bytes, bytes]:
-    """A figure in light and in dark as PNG files; the dark one takes its layout over from the light one."""
-    light, dark = (draw(theme) for theme in THEMES)
-    first = png_bytes(light)
-    dark.set_layout_engine("none")
-    for axis, model in zip(dark.axes, light.axes, strict=True):
-        axis.set_position(model.get_position(original=True), which="original")
-    for text, title in zip(dark.texts, light.texts, strict=True):
-        text.set_position(title.get_position())
-    return first, png_bytes(dark)
 
 
 def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:

@@ -20,7 +20,7 @@ from sprintlab.evaluation.results import (
     SpeedResult,
     TrialResult,
 )
-from sprintlab.evaluation.second_engine import engine_requests, stored_remark
+from sprintlab.evaluation.second_engine import engine_requests
 from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest, check_sprint
 from sprintlab.plant import check_engine
 from sprintlab.robots import RobotDescription
@@ -79,8 +79,6 @@ def evaluate_race(
             progress("running trials in the second engine", None)
             sprint, *trials = pool.stream(engine_requests(top_speed, distance, settings, second_engine))
             second = EngineResult(engine=second_engine, sprint=sprint, raw=_speed_result(trials, settings))
-        elif remark := stored_remark(pool.policy.digest):
-            notes += (remark,)
         found = _run_all(pool, _requests(top_speed, distance, settings), progress)
         raw, paced = (_speed_result(found[name], settings) for name in ("raw", "self_paced"))
         every = [*(sprint.trial for sprint in found["sprints"]), *raw.trials, *paced.trials]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from sprintlab.commands import SpeedProfile
 from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW
-from sprintlab.core.theme import Theme, png_in_both_looks
+from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
     LANE_MARK,
@@ -33,7 +33,7 @@ from sprintlab.evaluation.second_engine import ENGINE_STEPS
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]
-PlannedFigure = tuple[str, str, str, Callable[[Theme], Figure]]
+PlannedFigure = tuple[str, str, str, Callable[[], Figure]]
 """Name, heading, caption and drawing function of a figure."""
 
 _PROFILE = SpeedProfile(top_speed=1.0)
@@ -54,13 +54,12 @@ DRAKE_REMARK = f"Run in the second engine ({_DRAKE_STEPS}), not in MuJoCo; the r
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """One figure of the report, in both looks."""
+    """One figure of the report."""
 
     name: str  # file name without ending
     title: str
     caption: str  # what to look at
-    light: bytes  # PNG
-    dark: bytes
+    png: bytes
 
 
 def representative(result: SpeedResult) -> TrialResult:
@@ -76,12 +75,11 @@ def representative(result: SpeedResult) -> TrialResult:
 
 
 def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: None) -> tuple[Picture, ...]:
-    """Draw planned figures in both looks; errors are those of what draws."""
+    """Draw planned figures; errors are those of what draws."""
     pictures = []
     for name, title, caption, draw in plan:
         progress(title)
-        light, dark = png_in_both_looks(draw)
-        pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
+        pictures.append(Picture(name=name, title=title, caption=caption, png=png_bytes(draw())))
     return tuple(pictures)
 
 
@@ -90,8 +88,6 @@ def render_report(
     robot: RobotDescription,
     pictures: Sequence[Picture],
     facts: Sequence[tuple[str, str]] = (),
-    video: bytes | None = None,
-    video_message: str = "",
     replay: str = "",
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere.
@@ -101,8 +97,6 @@ def render_report(
         robot: the robot that ran it.
         pictures: from ``draw_pictures``.
         facts: name and value pairs that say how to repeat it (command, versions, policy).
-        video: MP4 file, embedded when given.
-        video_message: one line that stands in the place of a missing video.
         replay: name of the interactive page beside the report; no link when left out.
     """
     fault = engine_fault(result)
@@ -125,8 +119,6 @@ def render_report(
         joints=list(_joint_rows(result, robot)),
         method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
         repeat=[*facts, *(("note", note) for note in result.notes)],
-        video=None if video is None else _base64(video),
-        video_message=video_message,
         replay=replay,
     )
 
@@ -139,14 +131,14 @@ def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[Pla
         "The 100 metres",
         "Steep is better: how soon the curve is flat tells whether acceleration or top speed costs the time. "
         "The small numbers are the seconds at every ten metres.",
-        lambda theme: figures.sprint_figure(result.sprint, result.sprint_self_paced, theme),
+        lambda: figures.sprint_figure(result.sprint, result.sprint_self_paced),
     )
     yield (
         "speed",
         "Speed against command",
         "Shaded: the hold. Look at the gap between the measured speed and the command: where it opens and "
         "stays open, the robot has run out of motor or of grip. Below, the command waits for the robot.",
-        lambda theme: figures.speed_figure(raw, paced, theme),
+        lambda: figures.speed_figure(raw, paced),
     )
     yield from trial_figures(raw, robot)
 
@@ -159,28 +151,28 @@ def trial_figures(trial: TrialResult, robot: RobotDescription) -> Iterator[Plann
         "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right "
         "corner: samples between the dashed line and the filled area would be allowed by a model without "
         "d-axis voltage, and do not exist here.",
-        lambda theme: figures.torque_speed_figure(trial, robot, theme),
+        lambda: figures.torque_speed_figure(trial, robot),
     )
     yield (
         "gait",
         "Gait",
         "Feet on the ground during the last second of the hold, front legs on top. A fast gait shows short "
         "bars and wide shaded flights; a crawling one shows bars that overlap.",
-        lambda theme: figures.gait_figure(trial, robot, theme),
+        lambda: figures.gait_figure(trial, robot),
     )
     yield (
         "base_rates",
         "Roll and pitch of the trunk",
         "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J "
         "means a steady gait; a jump marks the moment that nearly went wrong.",
-        lambda theme: figures.rates_figure(trial, theme),
+        lambda: figures.rates_figure(trial),
     )
     yield (
         "power",
         "Where the power goes",
         "Mechanical power drives the legs, copper loss only heats the windings. Look at which joints burn "
         "more than they deliver.",
-        lambda theme: figures.power_figure(trial, robot, theme),
+        lambda: figures.power_figure(trial, robot),
     )
 
 
@@ -190,13 +182,9 @@ def page_template(name: str) -> Template:
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined).get_template(name)
 
 
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
-
-
 def embedded(picture: Picture) -> dict[str, str]:
     """A picture as the templates take it."""
-    return {**vars(picture), "light": _base64(picture.light), "dark": _base64(picture.dark)}
+    return {**vars(picture), "png": base64.b64encode(picture.png).decode("ascii")}
 
 
 def _tiles(result: RaceResult) -> Iterator[tuple[str, str, str]]:

@@ -196,7 +196,7 @@ def rollout_figure(rollout: Rollout, motors: JointMotors) -> Figure:
         axis.remove()
     for joint, axis in enumerate(axes[:joints]):
         axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=LIGHT.envelope, linewidth=0)
-        draw_cloud(axis, velocity[:, joint], torque[:, joint], beyond[:, joint], LIGHT)
+        draw_cloud(axis, velocity[:, joint], torque[:, joint], beyond[:, joint])
         set_title(axis, rollout.names[joint], LIGHT)
         share = _percent(float(beyond[:, joint].mean()))
         axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=LIGHT.muted)

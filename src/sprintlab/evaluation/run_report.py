@@ -17,7 +17,7 @@ from sprintlab.commands import command_start, finish_time
 from sprintlab.control import Policy
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.json_values import json_ready
-from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
+from sprintlab.core.theme import LIGHT, legend_above, themed_figure
 from sprintlab.core.thinning import moving_average
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
@@ -94,23 +94,23 @@ def simulate_commands(
     return replace(trial, metrics=metrics, hold_interval=hold)
 
 
-def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
+def comparison_figure(run: TrackRun, simulation: TrialResult | None) -> Figure:
     """Command, measured speed and simulated speed over time; distance over time below."""
-    figure, (speed, distance) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
+    figure, (speed, distance) = themed_figure(LIGHT, (9.5, 6.4), 2, 1, sharex=True)
     draw = figures.draw_curve
-    draw(speed, run.command_time, run.command[:, 0], theme.command, linewidth=1.2, label="command")
+    draw(speed, run.command_time, run.command[:, 0], LIGHT.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
         label = "simulation, 0.1 s mean"
-        draw(speed, motion.time, _receiver_speed(motion), theme.second, linewidth=1.4, label=label)
-        draw(distance, motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], theme.second, linewidth=1.4)
+        draw(speed, motion.time, _receiver_speed(motion), LIGHT.second, linewidth=1.4, label=label)
+        draw(distance, motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], LIGHT.second, linewidth=1.4)
     look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linewidth": 0.9}
-    draw(speed, run.fix_time, run.fix_speed, theme.speed, label="robot, position receiver", **look)
-    draw(distance, run.fix_time, run.fix_distance, theme.speed, **look)
-    distance.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
+    draw(speed, run.fix_time, run.fix_speed, LIGHT.speed, label="robot, position receiver", **look)
+    draw(distance, run.fix_time, run.fix_distance, LIGHT.speed, **look)
+    distance.axhline(run.distance, color=LIGHT.muted, linewidth=0.8, linestyle=":")
     speed.set(ylabel="forward speed [m/s]", xlim=(0.0, float(run.command_time[-1])))
     distance.set(ylabel="distance [m]", xlabel="time since the policy took over [s]")
-    legend_above(speed, theme)
+    legend_above(speed, LIGHT)
     return figure
 
 
@@ -125,7 +125,7 @@ def make_run_pictures(
     robot: RobotDescription,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Picture, ...]:
-    """Draw the run beside its simulation in both looks.
+    """Draw the run beside its simulation.
 
     The gait is the simulation's, since a robot does not measure its own.
 
@@ -137,7 +137,7 @@ def make_run_pictures(
         "Robot and simulation" if simulation else "The run",
         "Dots: what the robot's receiver says. The simulation is given the speeds that the robot's policy "
         "was given, so a gap between the two is the gap between robot and model.",
-        lambda theme: comparison_figure(run, simulation, theme),
+        lambda: comparison_figure(run, simulation),
     )
     own = [figure for figure in trial_figures(run.trial, robot) if figure[0] != "gait"]
     gait: list[PlannedFigure] = [

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from typing import Any
 
-from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.results import SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
@@ -24,9 +21,6 @@ numbers and motor law, but with dynamics and time stepping of their own, should 
 
 SMALLEST_LOSS = 0.1
 """A loss up to this counts as zero, whatever its share [m/s]."""
-
-STORED = SHIPPED_POLICIES / "second_engine.json"
-"""What the policies of the package do in both engines, by the SHA-256 of their files."""
 
 
 def engine_requests(
@@ -58,18 +52,3 @@ def mark(first: SpeedResult, second: SpeedResult) -> str:
     if lost > LARGEST_LOSS and slower > SMALLEST_LOSS:
         faults.append(f"it holds {100 * lost:.0f} % less speed")
     return " and ".join(faults)
-
-
-def stored_remark(digest: str) -> str:
-    """What was measured of the policy file with this SHA-256 in both engines; empty where nothing was."""
-    found = json.loads(STORED.read_text(encoding="utf-8")).get(digest)
-    if found is None:
-        return ""
-    held = " and ".join(f"{_held(found[engine])} in {name}" for engine, name in ENGINE_NAMES.items())
-    text = f"two engines, stored, command up to {found['top_speed_command_m_s']:g} m/s: it holds {held}"
-    return f"{text}; MARKED, in Drake {found['mark']}" if found["mark"] else text
-
-
-def _held(numbers: dict[str, Any]) -> str:
-    held = numbers["held_speed_m_s"]
-    return "no speed (every trial fell)" if held is None else f"{held:.2f} m/s"

@@ -32,8 +32,6 @@ LONGEST_SPRINT = 3600.0
 """Longest time that a sprint may take; it is kept in memory [s]."""
 SLOWEST_SHARE = 0.25
 """A sprint that is slower than this share of its command is given up."""
-STALL_TIME, STALL_DISTANCE = 10.0, 1.0
-"""A sprint is given up when the robot comes no farther than this distance [m] in this time [s]."""
 
 
 def check_top_speed(field: str, top_speed: float) -> None:
@@ -114,10 +112,6 @@ class SprintCourse(Course):
         distance: to run [m].
         rest: the command stays zero for so long; its last second tells a stop [s].
         slowest_share: a robot slower than this share of the command is given up.
-
-    Attributes:
-        finish_time: when the distance was run [s].
-        stalled: whether the robot got nowhere.
     """
 
     def __init__(
@@ -130,8 +124,7 @@ class SprintCourse(Course):
     ) -> None:
         self.profile, self.distance, self._rest, self._slowest = profile, distance, rest, slowest_share
         self.finish_time: float | None = None
-        self.stalled = False
-        self._mark = (0.0, 0.0)  # time [s] and distance [m] of progress
+        """When the distance was run [s]."""
 
     @property
     def latest_finish(self) -> float:
@@ -151,22 +144,11 @@ class SprintCourse(Course):
     def speed(self, time: float, base: BaseState) -> float | None:
         """Commanded speed [m/s]; ``None`` at the end."""
         run, end = self.run_distance(base), self.latest_finish
-        self.stalled = self.stalled or self._stands(time, run)
-        if self.stalled:
-            return None
         if self.finish_time is None and run >= self.distance:
             self.finish_time = time
         if self.finish_time is not None:
             end = self.profile.end_time(self.finish_time) + self._rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
-
-    def _stands(self, time: float, run: float) -> bool:
-        """Whether the robot has got nowhere for too long."""
-        since, reached = self._mark
-        if time <= self.profile.stand or run >= reached + STALL_DISTANCE or self.finish_time is not None:
-            self._mark = time, run
-            return False
-        return time - since > STALL_TIME
 
 
 def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) -> TrialResult:
@@ -205,7 +187,7 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(moved.time[-1])
     trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
-    return SprintResult(distance=distance, time=finish - start, trial=trial, stalled=course.stalled)
+    return SprintResult(distance=distance, time=finish - start, trial=trial)
 
 
 @dataclass(frozen=True, kw_only=True)

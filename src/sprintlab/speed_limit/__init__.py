@@ -5,11 +5,9 @@ from sprintlab.speed_limit.analysis import Lifted as Lifted
 from sprintlab.speed_limit.analysis import Sensitivity as Sensitivity
 from sprintlab.speed_limit.analysis import SpeedLimit as SpeedLimit
 from sprintlab.speed_limit.analysis import StrideFacts as StrideFacts
-from sprintlab.speed_limit.analysis import TrainedSpeed as TrainedSpeed
 from sprintlab.speed_limit.analysis import scalings as scalings
 from sprintlab.speed_limit.analysis import speed_limit as speed_limit
 from sprintlab.speed_limit.analysis import stride_facts as stride_facts
-from sprintlab.speed_limit.analysis import trained_speeds as trained_speeds
 from sprintlab.speed_limit.leg import PlanarLeg as PlanarLeg
 from sprintlab.speed_limit.leg import planar_leg as planar_leg
 from sprintlab.speed_limit.runner import Runner as Runner

@@ -1,17 +1,13 @@
-"""The speed limit of a robot: what stops it, how it moves, and what trained policies reach."""
+"""The speed limit of a robot: what stops it, and how it moves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from sprintlab.core.checks import check_choice, check_range
-from sprintlab.core.errors import SprintlabError, printable
-from sprintlab.core.reading import read_json
 from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
@@ -22,7 +18,6 @@ from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate
 Progress = Callable[[str, float | None], None]
 
 _WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
-_RESULT_NAMES = ("result.json", "evaluation.json")
 _FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
 
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
@@ -79,15 +74,6 @@ class StrideFacts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainedSpeed:
-    """What a policy reached, read from a result file."""
-
-    policy: str  # its name
-    speed: float  # held under the evaluation's profile [m/s]
-    source: str  # the file
-
-
-@dataclass(frozen=True, kw_only=True)
 class SpeedLimit:
     """The whole answer."""
 
@@ -99,7 +85,6 @@ class SpeedLimit:
     stride: Stride  # the fastest stride, a batch of one
     lifted: tuple[Lifted, ...]  # the limit without each cause, in the order of ``LIMITS_TO_LIFT``
     sensitivities: tuple[Sensitivity, ...]  # the limit with one quantity scaled
-    trained: tuple[TrainedSpeed, ...]  # what policies reached
 
 
 def speed_limit(
@@ -108,7 +93,6 @@ def speed_limit(
     settings: SearchSettings | None = None,
     factors: Sequence[float] = (0.9, 1.1),
     causes: Sequence[str] = tuple(LIMITS_TO_LIFT),
-    trained: Sequence[TrainedSpeed] = (),
     progress: Progress | None = None,
 ) -> SpeedLimit:
     """Upper estimate of a robot's top speed from its motors and its legs, without any training.
@@ -118,7 +102,6 @@ def speed_limit(
         settings: how hard to search.
         factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
         causes: names in ``LIMITS_TO_LIFT``, to be taken away one at a time.
-        trained: measured speeds to put beside it.
         progress: called with what is done and the share done.
 
     Raises:
@@ -156,7 +139,6 @@ def speed_limit(
         stride=stride,
         lifted=lifted,
         sensitivities=sensitivities,
-        trained=tuple(trained),
     )
 
 
@@ -291,33 +273,3 @@ def _speeds(runner: Runner) -> FloatArray:
     motors, ratio = runner.motors, np.asarray(runner.gear.ratio)
     back_emf = np.asarray(motors.pole_pairs) * np.asarray(motors.flux_linkage) * ratio
     return np.linspace(0.0, 1.0, 2000)[:, None] * runner.bus_voltage / back_emf
-
-
-def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
-    """Held speeds of a robot's policies below a folder, fastest first.
-
-    Read from the files that ``sprintlab race`` (``result.json``) and the study (``evaluation.json``) leave; a
-    file that is neither is passed over. Of several results of one policy the fastest counts.
-    """
-    best: dict[str, TrainedSpeed] = {}
-    for path in sorted(path for name in _RESULT_NAMES for path in folder.rglob(name)):
-        try:
-            result = read_json(path)
-            speed = _held_speed(result) if result.get("robot") == robot else None
-        except (SprintlabError, AttributeError, TypeError):
-            continue
-        policy = printable(result.get("policy", result.get("method")), 100)
-        if speed is not None and (policy not in best or speed >= best[policy].speed):
-            best[policy] = TrainedSpeed(policy=policy, speed=speed, source=str(path))
-    return tuple(sorted(best.values(), key=lambda item: -item.speed))
-
-
-def _held_speed(result: dict[str, Any]) -> float | None:
-    """Highest speed held under the raw command without a fall that counts; None if there is no such speed."""
-    if "held_speed_m_s" in result:
-        speeds = [result["held_speed_m_s"]] if result.get("falls") == 0 else []
-    else:
-        rows = result.get("raw", {}).get("speeds", [])
-        speeds = [row.get("held_speed") for row in rows if row.get("passed")]
-    numbers = [speed for speed in speeds if isinstance(speed, float) and abs(speed) < 1000.0]
-    return max(numbers) if numbers else None

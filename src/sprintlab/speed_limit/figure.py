@@ -18,7 +18,6 @@ from sprintlab.speed_limit.stride import STANCE_POINTS
 
 _STANCE, _SWING, _LIMIT, _QUIET = LIGHT.second, LIGHT.speed, LIGHT.foreground, LIGHT.muted
 _COLORS = (*LIGHT.legs, LIGHT.muted)
-_MOST_POLICIES = 20  # that are drawn, the fastest
 
 
 def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
@@ -26,7 +25,6 @@ def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
     asked = (
         (_draw_lifted, limit.lifted),
         (_draw_sensitivities, limit.sensitivities),
-        (_draw_trained, limit.trained),
     )
     below = [draw for draw, found in asked if found]
     rows = 2 if below else 1
@@ -119,18 +117,6 @@ def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
         axes.plot(*points.T, "o-", color=color, markersize=4, label=quantity)
     _label(axes, "How the limit moves", "factor", "m/s")
     _legend(axes)
-
-
-def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
-    trained = limit.trained[:_MOST_POLICIES]
-    names = ["upper estimate", *(as_written(item.policy) for item in trained)]
-    values = [limit.speed, *(item.speed for item in trained)]
-    bars = axes.barh(names, values, color=[_QUIET] + [_SWING] * len(trained), alpha=0.6, height=0.6)
-    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
-    axes.invert_yaxis()
-    axes.margins(x=0.15)
-    _label(axes, "What policies reach", "m/s", "")
-    axes.grid(visible=False, axis="y")
 
 
 _MODEL_NAMES = {"refined": "refined motor", "simplified-dc": "v_d = 0"}
