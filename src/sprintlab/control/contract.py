@@ -121,12 +121,7 @@ class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a policy was made for; joints in policy order, SI units.
-
-    Raises:
-        InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
-            hash of the configuration is not a hash.
-    """
+    """What a policy was made for; joints in policy order, SI units."""
 
     format_version: int = FORMAT_VERSION
     robot_name: str
@@ -166,11 +161,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     @property
     def layout(self) -> Observation:
-        """The observation with this contract's joints, scales and history.
-
-        Raises:
-            ContractMismatchError: the frame is not one that this version builds.
-        """
+        """The observation with this contract's joints, scales and history."""
         return layout_from_contract(self.observation, len(self.joint_names))
 
     @property
@@ -186,11 +177,7 @@ def observation_contract(layout: Observation) -> ObservationContract:
 
 
 def layout_from_contract(observation: ObservationContract, joints: int) -> Observation:
-    """Inverse of ``observation_contract``.
-
-    Raises:
-        ContractMismatchError: a term is not known to this version, or has another size.
-    """
+    """Inverse of ``observation_contract``."""
     _require_equal("observation.history_order", observation.history_order, HISTORY_ORDER, "this version")
     for term in observation.terms:
         if term.name not in OBSERVABLES:
@@ -278,11 +265,7 @@ def check_contract(contract: PolicyContract, robot: RobotDescription) -> None:
 
 
 def check_estimate(contract: PolicyContract) -> None:
-    """Refuse an estimate whose terms are not those of this version, or that no filter belongs to.
-
-    Raises:
-        ContractMismatchError: names the terms on both sides.
-    """
+    """Refuse an estimate whose terms are not those of this version, or that no filter belongs to."""
     if contract.estimate is None:
         return
     known = ESTIMATE_TERMS if contract.filters.estimate_cutoff_hz is not None else ()
@@ -296,11 +279,7 @@ def encode_contract(contract: PolicyContract) -> str:
 
 
 def decode_contract(text: str) -> PolicyContract:
-    """Inverse of ``encode_contract``.
-
-    Raises:
-        PolicyFileError: not JSON, another format version, a missing, unknown or impossible field.
-    """
+    """Inverse of ``encode_contract``."""
     if len(text) > _LONGEST:
         raise PolicyFileError(f"its contract has more than {_LONGEST} characters")
     try:

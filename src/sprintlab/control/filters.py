@@ -18,11 +18,7 @@ ESTIMATE_CUTOFF_HZ = 3.0
 
 
 def low_pass_coefficient(cutoff_hz: float, rate_hz: float) -> float:
-    """Weight of the newest sample, ``1 - exp(-2 pi cutoff / rate)``: the exact step response of RC.
-
-    Raises:
-        InvalidValueError: a frequency is not a positive finite number.
-    """
+    """Weight of the newest sample, ``1 - exp(-2 pi cutoff / rate)``: the exact step response of RC."""
     check_positive("cutoff_hz", cutoff_hz, "Hz")
     check_positive("rate_hz", rate_hz, "Hz")
     return -math.expm1(-2.0 * math.pi * cutoff_hz / rate_hz)
@@ -40,9 +36,6 @@ class LowPass:
     Attributes:
         cutoff_hz: frequency at which the continuous filter passes 1/sqrt(2) [Hz].
         rate_hz: rate at which ``step`` is called [Hz]; at least twice the cutoff.
-
-    Raises:
-        InvalidValueError: a frequency is not positive, or the cutoff lies above half the rate.
     """
 
     cutoff_hz: float = PROPRIOCEPTION_CUTOFF_HZ

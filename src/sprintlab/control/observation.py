@@ -75,10 +75,6 @@ class ObservationLayout:
         terms: names of ``OBSERVABLES`` in the order of the frame, each with its factor: one for all its
             numbers, or one for each.
         history_length: frames in the network input, oldest first.
-
-    Raises:
-        InvalidValueError: an unknown term, a factor that is not positive or above 1e6, another number of
-            factors than the term has numbers, or a history that is no positive whole number.
     """
 
     terms: Mapping[str, Scale] = field(default_factory=standard_terms)

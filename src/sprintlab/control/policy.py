@@ -89,10 +89,6 @@ class Policy:
             observation: ``(batch, H * 45)``.
             previous_estimate: ``Decision.estimate`` of the step before ``(batch, 8)``; ``None`` for zeros,
                 not used by a network without an estimator.
-
-        Raises:
-            InvalidValueError: an input has another shape.
-            PolicyFileError: the network fails on it.
         """
         _check_batch("observation", observation, self.layout.input_size)
         if previous_estimate is not None and self.estimates:
@@ -262,11 +258,7 @@ def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = N
 
 
 def shipped_policy(name: str = "sprint") -> Path:
-    """Path of a policy that comes with the package.
-
-    Raises:
-        PolicyFileError: the name is unknown; the message lists the known ones.
-    """
+    """Path of a policy that comes with the package."""
     known = shipped_policies()
     if name not in known:
         near = get_close_matches(name, known, n=1, cutoff=0.6)

@@ -37,10 +37,6 @@ def check_graph(content: bytes) -> None:
 
     Args:
         content: bytes of the file.
-
-    Raises:
-        GraphError: it is damaged, has an operator outside of ``OPERATORS``, a subgraph, a function, a
-            training or numbers in other files, its shapes contradict each other, or a tensor is too large.
     """
     model = _parsed(content)
     if model.functions or model.training_info or model.graph.sparse_initializer:

@@ -32,10 +32,6 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         hold_speed: it is held from an estimated horizontal speed below this on [m/s].
         release_tilt: tilt of the trunk above which the policy acts again [rad].
         blend_time: time constant with which the pose takes over [s].
-
-    Raises:
-        InvalidValueError: a number is not positive, the tilt above a right angle, the speed above 100 m/s, or
-            the time not between a microsecond and an hour.
     """
 
     hold_speed: float = 0.6

@@ -57,11 +57,7 @@ def named_floats(
 
 
 def read_samples(path: str | os.PathLike[str], names: Collection[str], wanted: str) -> dict[str, FloatArray]:
-    """Recorded samples: finite numbers, ``(T,)`` or ``(T, n)``, with the same T of at least two everywhere.
-
-    Raises:
-        SprintlabError: as ``read_arrays``, or an array is missing or holds something else.
-    """
+    """Recorded samples: finite numbers, ``(T,)`` or ``(T, n)``, the same T of at least two in all."""
     arrays = named_floats(path, read_arrays(path, names, wanted=wanted), names, wanted)
     for name, values in arrays.items():
         if values.ndim not in (1, 2) or len(values) != len(next(iter(arrays.values()))) or values.size < 2:

@@ -27,11 +27,7 @@ _WORDS: dict[Any, str] = {
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, with its arguments compared with its type hints before it begins.
-
-    Raises:
-        InvalidValueError: when called with an argument of another kind; it is named.
-    """
+    """The function, with its arguments compared with its type hints before it begins."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -46,7 +42,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def check_fields(settings: Any) -> None:
-    """Compare the fields of a dataclass with their type hints. Raises as ``check_kind``."""
+    """Compare the fields of a dataclass with their type hints."""
     hints = get_type_hints(settings.__class__)
     for field in fields(settings):
         check_kind(field.name, getattr(settings, field.name), hints[field.name])

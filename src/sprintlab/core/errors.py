@@ -1,4 +1,9 @@
-"""The errors a user can meet. Each message is one sentence that names what is wrong."""
+"""The errors a user can meet. Each message is one sentence that names what is wrong.
+
+The same everywhere: a field or argument with an impossible value raises ``InvalidValueError``, a file that is
+missing, damaged or of another form the ``SprintlabError`` of its kind, and one that cannot be written
+``UnwrittenError``. Docstrings say what does not follow from this.
+"""
 
 _LONGEST_VALUE = 300  # characters of a refused value in a message
 _LONGEST = 2000  # characters of a message

@@ -12,11 +12,7 @@ from sprintlab.core.errors import SprintlabError
 
 
 def require_package(module: str, *, extra: str, use: str) -> None:
-    """Refuse where a module, e.g. ``"viser"``, of an extra of sprintlab is not installed.
-
-    Raises:
-        SprintlabError: ``use`` needs it; the message ends with the command that installs it.
-    """
+    """Refuse where a module, e.g. ``"viser"``, of an extra of sprintlab is not installed."""
     if importlib.util.find_spec(module) is None:
         raise SprintlabError(
             f"{use} needs the package {module}, which is not installed: pip install 'sprintlab[{extra}]'"

@@ -20,12 +20,7 @@ FIGURE_FORMATS = ("png", "pdf", "svg")
 
 
 def check_figure_path(path: str | os.PathLike[str] | None) -> None:
-    """Refuse a figure that could not be written at the end, before any work; ``None``: no figure is wanted.
-
-    Raises:
-        InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
-        UnwrittenError: as ``check_writable_file``.
-    """
+    """Refuse a figure that could not be written at the end, before any work; ``None``: no figure."""
     if path is None:
         return
     target = Path(path)
@@ -71,11 +66,7 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse, before any work, a file or folder that could not be written; leaves nothing behind.
-
-    Raises:
-        UnwrittenError: a folder above it is a file, nothing can be made there, or a device has the name.
-    """
+    """Refuse, before any work, a file or folder that could not be written; leaves nothing behind."""
     place = Path(path).absolute()
     with _told(path):
         _check_replaceable(place)
@@ -107,7 +98,7 @@ def _check_replaceable(path: Path) -> None:
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as UTF-8 in one step; errors as in ``atomic_write_bytes``."""
+    """Write ``text`` as UTF-8 in one step."""
     atomic_write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
@@ -125,9 +116,6 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a temporary folder that becomes ``path`` only if the block ends without an error.
 
     An empty folder ``path``, such as that of ``reserved_directory``, is replaced.
-
-    Raises:
-        UnwrittenError: the disk refuses, or something else is at ``path``.
     """
     target = Path(path)
     with _told(target):
@@ -160,7 +148,7 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path]:
     """Hold a folder's name, as an empty folder, while its content is worked out.
 
     Of two that ask for the same name at the same time only one gets it. An error in the block removes the
-    folder, unless something was put into it. Raises ``UnwrittenError`` as ``check_new_folder``.
+    folder, unless something was put into it.
     """
     target = Path(path)
     check_new_folder(target)

@@ -36,9 +36,6 @@ class Joystick:
 
     Args:
         device: the joystick device, or a named pipe that carries the same events.
-
-    Raises:
-        JoystickError: there is no such device, it may not be read, or it is something else.
     """
 
     def __init__(self, device: Path = DEFAULT_DEVICE) -> None:

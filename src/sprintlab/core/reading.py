@@ -80,11 +80,7 @@ def read_text(
 
 
 def read_rows(path: str | os.PathLike[str], limit: int) -> list[dict[str, float]]:
-    """Rows of a training's log: names and numbers, one JSON object per line.
-
-    Raises:
-        SprintlabError: as ``open_regular``, or a line is something else.
-    """
+    """Rows of a training's log: names and numbers, one JSON object per line."""
     rows: list[dict[str, float]] = []
     for line in read_text(path, limit, what="log").splitlines():
         try:

@@ -91,7 +91,7 @@ def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
 def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
     """Write a figure in the format that the ending of its name says: ``.png``, ``.pdf`` or ``.svg``.
 
-    Text stays text in PDF and SVG, and the same numbers give the same file. Raises as ``check_figure_path``.
+    Text stays text in PDF and SVG, and the same numbers give the same file.
     """
     check_figure_path(path)
     ending, buffer = Path(path).suffix.removeprefix(".").lower(), io.BytesIO()

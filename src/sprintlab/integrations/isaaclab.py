@@ -80,9 +80,6 @@ def pmsm_actuator(joint_names: Sequence[str], motors: JointMotors, **fields: Any
         joint_names: the articulation's, in any order.
         motors: by name, or one for all joints.
         fields: ``stiffness``, ``damping`` and other fields of the configuration.
-
-    Raises:
-        InvalidValueError: the joint names do not fit the motors.
     """
     found, values = motors.ordered(joint_names), motors.parameters(joint_names)
     ratio, efficiency = values["gear_ratio"], values["gear_efficiency"]

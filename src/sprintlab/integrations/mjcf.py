@@ -79,11 +79,7 @@ class DcMotor:
 
 
 def dc_motor(motor: PmsmParameters, gear: Gear, bus_voltage: float) -> DcMotor:
-    """The ``<dcmotor>`` of a geared motor on a bus [V].
-
-    Raises:
-        InvalidValueError: several motors in one, or a bus voltage that cannot be.
-    """
+    """The ``<dcmotor>`` of a geared motor on a bus [V]."""
     for name, value in (("motor", motor.peak_torque), ("gear", gear.ratio)):
         if np.ndim(value) > 0:
             raise InvalidValueError(name, value, "must be one motor: make an element for each kind")
@@ -98,11 +94,7 @@ def dc_motor(motor: PmsmParameters, gear: Gear, bus_voltage: float) -> DcMotor:
 
 
 def dc_motors(motors: JointMotors, joint_names: Sequence[str]) -> dict[str, DcMotor]:
-    """The ``<dcmotor>`` of each joint by its name, in the names' order.
-
-    Raises:
-        InvalidValueError: the joint names do not fit the motors.
-    """
+    """The ``<dcmotor>`` of each joint by its name, in the names' order."""
     found = motors.ordered(joint_names)
     parts = (
         (single(found.motor, at), single(found.gear, at), found.bus_voltage) for at in range(len(joint_names))
@@ -155,9 +147,6 @@ def motor_callback(
         motor_model: one of ``MOTOR_MODELS``.
         i2t: how the drives cut overloads back; ``None``: not at all. They are cold at the start, and again
             when a simulation's time goes back; one simulation a context.
-
-    Raises:
-        InvalidValueError: the joint names do not fit the motors; see also ``i2t_time_constant``.
     """
     joints = model.actuator_trnid[:, 0]
     dofs = model.jnt_dofadr[joints]

@@ -81,11 +81,7 @@ class PmsmClamping(ClampingBase):
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
-        """Numbers of one actuator, by the names of ``JointMotors.parameters``.
-
-        Raises:
-            InvalidValueError: one is missing, or another is there.
-        """
+        """Numbers of one actuator, by the names of ``JointMotors.parameters``."""
         if set(args) != set(_PARAMETERS):
             raise InvalidValueError("PmsmClamping", ", ".join(args), f"needs {', '.join(_PARAMETERS)}")
         return {name: float(args[name]) for name in _PARAMETERS}
@@ -124,9 +120,6 @@ def pmsm_clampings(
         joint_names: in any order.
         motors: by joint name, or one for all joints.
         model: one of ``MODELS``.
-
-    Raises:
-        InvalidValueError: the joint names do not fit the motors, or the model is unknown.
     """
     check_choice("model", model, MODELS)
     values = motors.parameters(joint_names)

@@ -30,9 +30,6 @@ class MotorStep:
         stiffness: stiffness of the PD loop [N m/rad].
         damping: damping of the PD loop [N m s/rad].
         motor_model: one of ``sprintlab.motors.MOTOR_MODELS``.
-
-    Raises:
-        InvalidValueError: the model's joint names do not fit the motors.
     """
 
     def __init__(

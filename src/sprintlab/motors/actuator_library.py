@@ -59,9 +59,6 @@ def actuator_from_toml(name: str, text: str) -> LibraryMotor:
 
     It holds ``title``, and for ``bus_voltage`` and each field of ``motor`` and ``gear`` a table with
     ``value``, ``source`` and, where the number is not published, ``estimated = true``.
-
-    Raises:
-        InvalidValueError: a number or its source is missing, unknown or impossible.
     """
     document = parse_toml(text)
     values = {"bus_voltage": _value(f"{name}: bus_voltage", document.get("bus_voltage"))}

@@ -31,9 +31,6 @@ class Battery:
 
     The defaults are an assumption, not a robot's: 14 cells of the 21700 size in series, three in parallel
     (58.8 V full, the nearest below a 60 V bus), each with 16 milliohm and 4.2 A h.
-
-    Raises:
-        InvalidValueError: a value is impossible, or the table is not rising.
     """
 
     series_cells: int = 14

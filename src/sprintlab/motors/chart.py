@@ -33,11 +33,7 @@ _SEARCH_POINTS = 4001
 
 @dataclass(frozen=True, kw_only=True)
 class JointDrive:
-    """One motor, its gear and its bus: what stands behind a joint.
-
-    Raises:
-        InvalidValueError: the motor or gear holds several motors, or the bus voltage is not positive.
-    """
+    """One motor, its gear and its bus: what stands behind a joint."""
 
     motor: PmsmParameters  # One motor, plain numbers
     gear: Gear  # Plain numbers; ratio 1 and efficiency 1 for a motor alone

@@ -51,9 +51,6 @@ def torque_limits(
 
     Returns:
         ``(lower, upper)`` [N m], ``lower <= upper``, never NaN, within ``±peak_torque``, before saturation.
-
-    Raises:
-        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
     """
     check_choice("model", model, MOTOR_MODELS)
     if model == "square":

@@ -24,12 +24,7 @@ _TABLES = ("battery", "heat", "i2t")
 
 
 def load_motor(path: str | os.PathLike[str]) -> PmsmParameters:
-    """Read a motor from the ``[motor]`` table of a TOML file; a list of numbers gives one motor an element.
-
-    Raises:
-        SprintlabError: the file cannot be read or is not TOML.
-        InvalidValueError: a field is unknown, missing, or holds an impossible value; named with its file.
-    """
+    """Read the ``[motor]`` table of a TOML file; a list of numbers gives one motor an element."""
     document = read_toml(path, what="motor file")
     if set(document) != {"motor"}:
         raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [motor]")
@@ -37,11 +32,7 @@ def load_motor(path: str | os.PathLike[str]) -> PmsmParameters:
 
 
 def save_motor(motor: PmsmParameters, path: str | os.PathLike[str]) -> None:
-    """Write a motor as TOML, in one step; ``load_motor`` reads the same numbers back.
-
-    Raises:
-        SprintlabError: the file cannot be written; nothing is left behind.
-    """
+    """Write a motor as TOML, in one step; ``load_motor`` reads the same numbers back."""
     atomic_write_text(path, tomli_w.dumps({"motor": table_of(motor)}))
 
 
@@ -55,10 +46,7 @@ class SupplyFile:
 
 
 def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
-    """Read a battery, a thermal model, an I²t limit; fields that are left out keep their defaults.
-
-    Raises as ``load_motor``.
-    """
+    """Read a battery, a thermal model, an I²t limit; fields that are left out keep their defaults."""
     document = read_toml(path, what="supply file")
     if not document or set(document) - set(_TABLES):
         allowed = "must hold the tables [battery], [heat] and [i2t], or some of them"
@@ -70,7 +58,7 @@ def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
 
 
 def save_supply(supply: SupplyFile, path: str | os.PathLike[str]) -> None:
-    """Write what a ``SupplyFile`` holds as TOML, in one step. Raises as ``save_motor``."""
+    """Write what a ``SupplyFile`` holds as TOML, in one step."""
     parts = {name: getattr(supply, name) for name in _TABLES}
     tables = {name: table_of(part) for name, part in parts.items() if part is not None}
     atomic_write_text(path, tomli_w.dumps(tables))

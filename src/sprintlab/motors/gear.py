@@ -13,11 +13,7 @@ TURNING_SPEED = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Gear:
-    """A reduction gear; each field a number or an array with one gear an element.
-
-    Raises:
-        InvalidValueError: a ratio outside [1, 500] or an efficiency outside [0.01, 1].
-    """
+    """A reduction gear; each field a number or an array with one gear an element."""
 
     ratio: Array
     """Motor speed over joint speed G [-]."""

@@ -38,9 +38,6 @@ class PmsmParameters:
 
     Amplitude-invariant dq quantities. Each field is a number, or an array (NumPy or PyTorch) with one
     motor an element, e.g. shape ``(12,)``; the shapes broadcast.
-
-    Raises:
-        InvalidValueError: a value is impossible, or so far from any motor that its unit must be wrong.
     """
 
     pole_pairs: Array
@@ -93,11 +90,7 @@ def unchecked(kind: type[T], values: Mapping[str, Array]) -> T:
 
 
 def stack_motors(motors: Sequence[PmsmParameters]) -> PmsmParameters:
-    """Put single motors side by side: each field becomes a NumPy array of shape ``(len(motors),)``.
-
-    Raises:
-        InvalidValueError: the sequence is empty.
-    """
+    """Put single motors side by side: each field becomes a NumPy array of shape ``(len(motors),)``."""
     if not motors:
         raise InvalidValueError("motors", motors, "give at least one motor")
     return PmsmParameters(

@@ -30,9 +30,6 @@ class PreparedDrive:
         gear: ratio and efficiency per joint.
         bus_voltage: [V].
         model: one of ``MOTOR_MODELS``; those without a fast form here call ``torque_limits``.
-
-    Raises:
-        InvalidValueError: the voltage is not positive or the model is unknown.
     """
 
     def __init__(

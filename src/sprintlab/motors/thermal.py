@@ -41,9 +41,6 @@ class WindingHeat:
     Heat capacity and thermal resistance are hardly ever published. The defaults are an assumption: the
     1.25 K/W and 32 J/K of the MIT Mini Cheetah's firmware (R_TH, INV_M_TH; an 8110 motor), scaled to a motor
     of four times the mass: heat capacity by 4, thermal resistance by the surface, 4^(2/3).
-
-    Raises:
-        InvalidValueError: a value is impossible.
     """
 
     heat_capacity: Array = 130.0
@@ -79,9 +76,6 @@ class HousedHeat(WindingHeat):
         C_h dT_h/dt = (T_w - T_h) / R_wh - (T_h - T_ambient) / R_ha
 
     Data sheets print R_wh and R_ha and two time constants, ``R_wh C_w`` and ``R_ha C_h``.
-
-    Raises:
-        InvalidValueError: a value is impossible.
     """
 
     housing_heat_capacity: Array
@@ -183,9 +177,6 @@ class I2tLimit:
     """How a drive cuts overloads back; each field a number, or an array with one motor an element.
 
     The peak current is the motor's: ``peak_torque / torque_constant``.
-
-    Raises:
-        InvalidValueError: a value is not positive, or not exactly one of the two durations is given.
     """
 
     continuous_current: Array
@@ -207,12 +198,7 @@ class I2tLimit:
 
 
 def i2t_time_constant(limit: I2tLimit, motor: PmsmParameters) -> Array:
-    """Time constant T of the level [s], in the shape of limit and motor broadcast.
-
-    Raises:
-        InvalidValueError: the continuous current is not below the motor's peak current, or the fields of the
-            limit are for another number of motors.
-    """
+    """Time constant T of the level [s], in the shape of limit and motor broadcast."""
     duration = limit.time_constant if limit.peak_duration is None else limit.peak_duration
     xp, (continuous, duration, peak, constant) = as_arrays(
         limit.continuous_current, duration, motor.peak_torque, motor.torque_constant
@@ -229,7 +215,7 @@ def i2t_time_constant(limit: I2tLimit, motor: PmsmParameters) -> Array:
 
 
 def i2t_decay(limit: I2tLimit, motor: PmsmParameters, duration: float) -> Array:
-    """Share of the level that is left after ``duration`` [s] without current; raises as its time constant."""
+    """Share of the level that is left after ``duration`` [s] without current."""
     check_positive("duration", duration, "s")
     xp, (time_constant,) = as_arrays(i2t_time_constant(limit, motor))
     return xp.exp(-duration / time_constant)

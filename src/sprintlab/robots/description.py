@@ -33,11 +33,7 @@ class SoftStop:
 
 @dataclass(frozen=True, kw_only=True)
 class KneeSpring:
-    """Passive torsion spring in series between knee drive and shank.
-
-    Raises:
-        InvalidValueError: it rests outside of its range.
-    """
+    """Passive torsion spring in series between knee drive and shank."""
 
     stiffness: float  # [N m/rad]
     damping: float  # [N m s/rad]
@@ -50,11 +46,7 @@ class KneeSpring:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Mass properties of one rigid body, for a left leg; the right leg mirrors y.
-
-    Raises:
-        InvalidValueError: a mass or moment is not positive, or no body can have these moments.
-    """
+    """Mass properties of one rigid body, for a left leg; the right leg mirrors y."""
 
     mass: float  # [kg]
     center_of_mass: Vector = (0.0, 0.0, 0.0)  # (x, y, z) in the body's frame [m]
@@ -112,12 +104,7 @@ class Mechanics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotDescription:
-    """A quadruped: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist; SI units.
-
-    Raises:
-        InvalidValueError: an array has the wrong shape or a value that is not finite, or the default pose
-            lies in or beyond the soft-stop zone. Ranges of numbers are the table's.
-    """
+    """A quadruped, SI units: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist."""
 
     name: str  # the robot's name
     leg_names: tuple[str, ...]  # 4 legs

@@ -42,11 +42,7 @@ _SAFETY = 1.1  # above the least added mass at which the time step is stable
 
 @dataclass(frozen=True, kw_only=True)
 class FootContact:
-    """A foot pad on the ground.
-
-    Raises:
-        InvalidValueError: a field is out of range.
-    """
+    """A foot pad on the ground."""
 
     stiffness: float = 80e3  # [N/m], 5e3 to 1e6
     # speed after over speed before a drop of the leg's effective mass, 0.15 to 0.95 [-]
@@ -120,11 +116,7 @@ def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> N
 
 
 def effective_leg_mass(model: mujoco.MjModel) -> float:
-    """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops.
-
-    Raises:
-        RobotModelError: no finite mass comes out.
-    """
+    """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops."""
     rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
     mass = float(np.mean(foot_masses(model, rigid, (2,))))
     if not (math.isfinite(mass) and mass > 0.0):

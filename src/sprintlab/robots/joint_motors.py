@@ -37,11 +37,7 @@ class JointMotors:
     bus_voltage: float  # [V]
 
     def ordered(self, names: Sequence[str]) -> JointMotors:
-        """The motors of these joints, in this order.
-
-        Raises:
-            InvalidValueError: a name is repeated, or fits no motor, or fits two.
-        """
+        """The motors of these joints, in this order."""
         if not self.names:
             check_unique(names)
             return self
@@ -57,9 +53,6 @@ class JointMotors:
         """Every number of these joints' motors, each ``(joints,)``: for simulators that keep them as arrays.
 
         Named as the fields of ``PmsmParameters``, and ``gear_ratio``, ``gear_efficiency``, ``bus_voltage``.
-
-        Raises:
-            InvalidValueError: see ``ordered``.
         """
         found = self.ordered(names)
         values = {item.name: getattr(found.motor, item.name) for item in fields(found.motor)}
@@ -87,9 +80,6 @@ def match_joints(names: Sequence[str], joints: Sequence[str]) -> list[int]:
     Args:
         names: another program's names, in any order, for any number of the robot's joints.
         joints: the robot's, such as ``FL_knee``.
-
-    Raises:
-        InvalidValueError: a name is repeated, fits no joint, or different joints by different conventions.
     """
     check_unique(names)
     places = {joint: place for place, joint in enumerate(joints)}

@@ -51,19 +51,12 @@ def load_robot(name: str | Path) -> RobotDescription:
     A name is looked up in the package first, then in the folders of the environment variable
     ``SPRINTLAB_ROBOTS`` (default: ``robots`` in the working directory), where each robot has a folder of its
     name with a ``parameters.toml``. What holds a path separator or ends in ``.toml`` is a path.
-
-    Raises:
-        RobotModelError: no robot has this name (the message lists those that exist), or its table is broken.
     """
     return load_robot_file(robot_table_path(name))
 
 
 def load_robot_file(path: str | Path) -> RobotDescription:
-    """Load a robot from a parameter table of one's own.
-
-    Raises:
-        RobotModelError: the file cannot be read, or a quantity is missing, unknown or impossible.
-    """
+    """Load a robot from a parameter table of one's own."""
     name, rows = read_table(path)
     try:
         return _described(name, {quantity: row.value for quantity, row in rows.items()})
@@ -72,11 +65,7 @@ def load_robot_file(path: str | Path) -> RobotDescription:
 
 
 def parameter_table(name: str | Path) -> list[ParameterRow]:
-    """Every number of a robot with unit, uncertainty and basis; numbers that follow from others come last.
-
-    Raises:
-        RobotModelError: as ``load_robot``.
-    """
+    """Every number of a robot with unit, uncertainty and basis; numbers that follow from others come last."""
     path = robot_table_path(name)
     return [*read_table(path)[1].values(), *_derived_rows(load_robot_file(path))]
 

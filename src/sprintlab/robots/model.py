@@ -44,11 +44,7 @@ if mujoco.get_mju_user_warning() is None:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions:
-    """How a robot's model is compiled.
-
-    Raises:
-        InvalidValueError: a field is out of range.
-    """
+    """How a robot's model is compiled."""
 
     timestep: float = 0.001  # physics step [s]
     # ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs and trunk
@@ -93,9 +89,6 @@ def build_model(
     keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``, whose geom is named so.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk. ``amend``
     may change the model before it is compiled, e.g. put terrain in the floor's place.
-
-    Raises:
-        RobotModelError: MuJoCo refuses to compile the description.
     """
     options = options or ModelOptions()
     try:

@@ -120,11 +120,7 @@ def drive_quantity(rows: Mapping[str, object], joint: str, field: str) -> str:
 
 
 def read_table(path: str | Path) -> tuple[str, dict[str, ParameterRow]]:
-    """The robot's name and the rows of its table by quantity, in the file's order.
-
-    Raises:
-        RobotModelError: the file cannot be read, is not TOML, or a quantity is missing, unknown or malformed.
-    """
+    """The robot's name and the rows of its table by quantity, in the file's order."""
     document = read_toml(path, what="robot table", error=RobotModelError)
     try:
         return _checked(document)

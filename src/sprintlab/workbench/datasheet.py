@@ -112,11 +112,7 @@ def convert_datasheet(sheet: Datasheet, tolerance: float = TOLERANCE) -> Datashe
 def save_converted_motor(
     conversion: DatasheetConversion, sheet: Datasheet, path: str | os.PathLike[str]
 ) -> None:
-    """Write the motor as TOML with the calculation as comments; ``load_motor`` reads it.
-
-    Raises:
-        SprintlabError: the file cannot be written.
-    """
+    """Write the motor as TOML with the calculation as comments; ``load_motor`` reads it."""
     lines = [f"{sheet.name or 'Motor'}, from its data sheet", *([sheet.source] if sheet.source else []), ""]
     lines += [str(step) for step in conversion.steps]
     lines += [f"note: {note}" for note in conversion.notes]
@@ -126,12 +122,7 @@ def save_converted_motor(
 
 
 def save_converted_supply(conversion: DatasheetConversion, path: str | os.PathLike[str]) -> None:
-    """Write the drive's I²t and the motor's heat as a supply file; ``load_supply`` reads it.
-
-    Raises:
-        InvalidValueError: the sheet gives neither.
-        SprintlabError: the file cannot be written.
-    """
+    """Write the drive's I²t and the motor's heat as a supply file; ``load_supply`` reads it."""
     if conversion.i2t is None and conversion.heat is None:
         allowed = "is missing: give it or winding_time_constant, beside rated_current or rated_torque"
         raise InvalidValueError("datasheet.peak_duration", None, allowed)

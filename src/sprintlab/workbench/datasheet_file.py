@@ -107,13 +107,7 @@ class Datasheet:
 
 
 def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
-    """Read a data sheet.
-
-    Raises:
-        SprintlabError: the file cannot be read or is not TOML.
-        InvalidValueError: an entry is unknown, has no unit, or says something that is not allowed; the
-            message names the file and the entry.
-    """
+    """Read a data sheet."""
     document = read_toml(path, what="data sheet")
     if set(document) != {"datasheet"} or not isinstance(document["datasheet"], dict):
         raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [datasheet]")
@@ -124,7 +118,7 @@ def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
 
 
 def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
-    """A sheet from its table; raises ``InvalidValueError`` as ``load_datasheet`` does."""
+    """A sheet from its table."""
     known = (*_PLAIN, *ENTRIES)
     for key, value in table.items():
         if key not in known:
@@ -148,11 +142,7 @@ def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
 
 
 def parse_quantity(name: str, text: object) -> float:
-    """A number with its unit in SI, e.g. ``"95 mohm"``; blanks, dots, capitals, Ω, µ, ² do not matter.
-
-    Raises:
-        InvalidValueError: no number, no unit, or a unit of something else.
-    """
+    """A number with its unit in SI, e.g. ``"95 mohm"``; blanks, dots, capitals, Ω, µ, ² do not matter."""
     units = {_plain_unit(unit): factor for unit, factor in ENTRIES[name].units.items()}
     match = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_TEXT else None
     value = float(match[1]) * units.get(_plain_unit(match[2]), math.nan) if match else math.nan

@@ -58,12 +58,7 @@ class RunRecord:
 
 
 def read_log(path: Path) -> RunRecord:
-    """Read a log file; one that was cut off is read up to the cut.
-
-    Raises:
-        LogError: there is no such file, it is no log of sprintlab, it is damaged or too large, or the package
-            ``mcap`` is missing.
-    """
+    """Read a log file; one that was cut off is read up to the cut."""
     require_package("mcap", extra="log", use="reading a log")
     try:
         with open_regular(path, LOG_LIMIT, what="log", error=LogError) as file:

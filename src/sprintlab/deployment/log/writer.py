@@ -44,11 +44,7 @@ _LENGTH = struct.Struct("<I")  # stands before each message to the writing proce
 
 
 def check_new_log(path: Path) -> None:
-    """Check that a log can be written to a file; leaves nothing behind.
-
-    Raises:
-        SprintlabError: the file exists, nothing can be written there, or the package ``mcap`` is missing.
-    """
+    """Check that a log can be written to a file; leaves nothing behind."""
     if find_spec("mcap") is None:
         raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
     if os.path.lexists(path):

@@ -21,10 +21,6 @@ def open_source(name: str, *, top_speed: float, distance: float = 100.0) -> Comm
         name: one of ``SOURCES``.
         top_speed: highest speed that it wishes for [m/s]; a profile file brings its own.
         distance: length of a sprint [m].
-
-    Raises:
-        InvalidValueError: there is no such source, or a number is not allowed.
-        SprintlabError: device or file cannot be used.
     """
     kind, _, rest = name.partition(":")
     if name in ("sprint", "sprint-raw"):

@@ -123,11 +123,7 @@ class ProfileSource(_ScriptedSource):
 
 
 def load_velocity_table(path: Path) -> FloatArray:
-    """Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)`` of a file.
-
-    Raises:
-        SprintlabError: the file cannot be read, or is not of this form.
-    """
+    """Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)`` of a file."""
     text = read_text(path, _LARGEST_FILE, what="profile file")
     try:
         table = np.array(_rows(text), dtype=float)

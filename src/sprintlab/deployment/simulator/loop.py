@@ -79,10 +79,6 @@ def run_simulator(
         stopped: asked at every step.
         progress: told simulated time [s] and distance [m] ten times a simulated second.
         remark: told once of each reason for which commands are dropped.
-
-    Raises:
-        SprintlabError: in lock-step, the controller no longer answers.
-        SimulationError: the simulated state is no longer finite.
     """
     run = _Run(world, endpoint, pace, stopped)
     told: set[str] = set()
@@ -137,11 +133,7 @@ class _Run:
         return True
 
     def answered(self) -> bool:
-        """Publish, and wait for the answer to the newest state; False when the run is over.
-
-        Raises:
-            SprintlabError: no answer came in time.
-        """
+        """Publish, and wait for the answer to the newest state; False when the run is over."""
         begin = time.monotonic()
         while not self._endpoint.carrier.ready:
             if self._stopped():

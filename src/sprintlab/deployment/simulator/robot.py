@@ -46,7 +46,7 @@ _MOVING = 0.5  # [m/s]
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatorOptions:
-    """The robot behind the bus; raises ``InvalidValueError`` where a field is outside its range."""
+    """The robot behind the bus."""
 
     plant: PlantOptions = field(default_factory=PlantOptions)  # physics and motors
     trial: TrialSettings = field(default_factory=TrialSettings)  # friction, payload, initial joint noise

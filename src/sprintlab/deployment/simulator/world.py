@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, kw_only=True)
 class LinkOptions:
-    """A link, each way; raises ``InvalidValueError`` where a field is outside its range."""
+    """A link, each way."""
 
     delay: float = 0.0  # every message takes at least this long [s], 0 to 1
     jitter: float = 0.0  # and up to this much longer, drawn evenly for each message [s], 0 to 1

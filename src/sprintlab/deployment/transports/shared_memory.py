@@ -112,9 +112,6 @@ class FileLock:
     Args:
         path: where.
         taken: what to say where another process holds it.
-
-    Raises:
-        SprintlabError: another process holds it, or it cannot be made.
     """
 
     def __init__(self, path: Path, taken: str) -> None:

@@ -233,11 +233,7 @@ def encode_state(state: RobotState) -> bytes:
 
 
 def decode_state(data: bytes) -> tuple[int, RobotState]:
-    """The robot's clock [ms, 32 bits] and its state, still without sequence, time, and whom it obeys.
-
-    Raises:
-        MessageError: as ``from_wire``.
-    """
+    """The robot's clock [ms, 32 bits] and its state, still without sequence, time, and whom it obeys."""
     record = from_wire("LowState_", data)
     motors = record["motor_state"][MOTOR_OF_JOINT]
     on = motors["mode"] == SERVO_MODE

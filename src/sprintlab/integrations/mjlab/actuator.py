@@ -48,10 +48,6 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
     ``armature`` left at ``None`` becomes each rotor's reflected inertia, ``effort_limit`` (on the torque that
     the PD loop wants) left at infinity each motor's peak torque times its gear ratio. Passive friction stays
     where mjlab has it: ``frictionloss`` and ``viscous_damping``.
-
-    Raises:
-        InvalidValueError: an unknown model, a bad voltage or I²t limit, or a transmission that is no joint;
-            when it is built: joint names that fit no motor.
     """
 
     motors: JointMotors
@@ -143,11 +139,7 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
 
 
 def actuator_type(model: MotorModel, limited: bool = False) -> type[PmsmActuator]:
-    """The actuator type of a motor model, with I²t or without; at every call the same: groups fuse.
-
-    Raises:
-        InvalidValueError: the model is unknown.
-    """
+    """The actuator type of a motor model, with I²t or without; at every call the same: groups fuse."""
     check_choice("model", model, MOTOR_MODELS)
     return _actuator_type(model, limited)
 
@@ -178,9 +170,6 @@ def datasheet_motors(
         peak_torque: that the drive's current limit allows [N m]; often far below the stall torque.
         rotor_inertia: [kg m^2].
         gear: behind the shaft.
-
-    Raises:
-        InvalidValueError: a number is out of range.
     """
     voltage = float(phase_voltage_limit(sheet.nominal_voltage))
     flux_linkage = voltage / (pole_pairs * sheet.no_load_speed)
@@ -211,9 +200,6 @@ def randomize_bus_voltage(
         env_ids: which environments; all if ``None``.
         voltage_range: least and greatest voltage [V], uniform.
         asset_cfg: the entity whose motors are meant.
-
-    Raises:
-        InvalidValueError: the range is not positive or not ordered, or the entity has no such motor.
     """
     low, high = voltage_range
     check_positive("voltage_range", low, "V")

@@ -28,9 +28,6 @@ class AdaptiveVelocityCommandCfg(CommandTermCfg):
 
     With ``growth`` above 0 the top of the range rises by it whenever the fastest 0.1 % of the robots come
     within ``growth_margin`` of it, looked at every ``growth_period``.
-
-    Raises:
-        InvalidValueError: a range is not ordered, or a number is out of range.
     """
 
     entity_name: str = "robot"

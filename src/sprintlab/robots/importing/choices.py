@@ -23,11 +23,7 @@ from sprintlab.robots.table import KINDS
 
 @dataclass(frozen=True, kw_only=True)
 class JointChoice:
-    """Drive and controller of one joint type; a field that is None is derived.
-
-    Raises:
-        InvalidValueError: a field of another kind, or a number out of its physical range.
-    """
+    """Drive and controller of one joint type; a field that is None is derived."""
 
     # a motor file (TOML), the name of a library motor, or ``ROBOT:JOINT`` for the motor of a known robot,
     # e.g. ``bp2:hip``
@@ -52,12 +48,7 @@ class JointChoice:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotChoices:
-    """Everything about a robot that its model file does not say.
-
-    Raises:
-        InvalidValueError: a bad name, a missing joint, a field of another kind, or a number out of its
-            physical range.
-    """
+    """Everything about a robot that its model file does not say."""
 
     name: str  # name of the robot; letters, digits, ``-`` and ``_``
     bus_voltage: float  # [V]
@@ -91,9 +82,6 @@ def read_choices(path: Path) -> dict[str, Any]:
     """A TOML file with the fields of ``RobotChoices``, and a table ``[joint.abad]``, ... for each joint type.
 
     A motor file named in it is looked for beside it first, then in the working directory.
-
-    Raises:
-        RobotModelError: the file cannot be read, is not TOML, or has an unknown field.
     """
     document = read_toml(path, what="choices", error=RobotModelError)
     joints = document.pop("joint", {})
@@ -113,10 +101,6 @@ def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
     Args:
         given: fields of ``RobotChoices``; of each joint type, a table of the fields of ``JointChoice``.
         origin: where they stand, for messages.
-
-    Raises:
-        RobotModelError: something that has no default is not there.
-        InvalidValueError: a field is not a number, or out of its physical range.
     """
     joints = given.get("joints", {})
     lacking = [name for name in ("name", "bus_voltage") if name not in given]
@@ -142,11 +126,7 @@ def _check_names(path: Path, table: Any, known: set[str], prefix: str = "") -> N
 
 
 def find_motor(reference: str) -> PmsmParameters:
-    """The motor of a file, of the library, or of a robot's joint written ``ROBOT:JOINT``; one number a field.
-
-    Raises:
-        SprintlabError: no such file, robot or joint, or the file holds several motors.
-    """
+    """The motor of a file, of the library, or of a robot's joint ``ROBOT:JOINT``; one number a field."""
     if reference in library_motors():
         return load_library_motor(reference).motor
     robot_name, colon, joint = reference.rpartition(":")

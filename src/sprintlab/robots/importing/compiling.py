@@ -28,11 +28,7 @@ _LARGEST = 1e12
 
 
 def compiled(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
-    """The compiled file, and the links whose inertia had to be corrected for it.
-
-    Raises:
-        RobotModelError: the file cannot be read, MuJoCo refuses it, or it holds numbers that no robot has.
-    """
+    """The compiled file, and the links whose inertia had to be corrected for it."""
     text = read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
     try:
         model, corrected = _compile(path, text)
@@ -71,9 +67,6 @@ def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
 
     Returns:
         Names of the links that were changed.
-
-    Raises:
-        ValueError: an entry is not a number.
     """
     changed = []
     for link in root.findall("link"):

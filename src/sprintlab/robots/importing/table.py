@@ -36,9 +36,6 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
         fitted: what the model file says.
         choices: what it does not say.
         source_name: name of the model file, for the column of sources.
-
-    Raises:
-        SprintlabError: a motor cannot be found.
     """
     rows, given = Rows(), ("as published", source_name)
 

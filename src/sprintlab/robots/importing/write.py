@@ -37,10 +37,6 @@ def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path
         source: MJCF or URDF, or what ``read_source`` made of it.
         choices: what it does not say.
         output: folder in which the robot's folder is put.
-
-    Raises:
-        RobotModelError: the source is no quadruped with three hinges a leg, or the folder exists.
-        SprintlabError: a motor cannot be found, or the files cannot be written.
     """
     folder = output / choices.name
     if os.path.lexists(folder):

@@ -95,12 +95,6 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: 
         path: the file.
         needs_speed: whether a missing speed column is an error.
         columns: ``name=heading`` or ``name=heading:unit`` for columns that the file calls otherwise.
-
-    Raises:
-        SprintlabError: the file cannot be read, or a line has cells too many, too few, or with no finite
-            number (it is named).
-        InvalidValueError: a column is missing, given twice, has no or an unknown unit, or values that
-            cannot be.
     """
     mapping = dict(_mapped(entry) for entry in columns)
     (number, header), *rows = _from_header(_read_cells(Path(path)), mapping)
@@ -124,9 +118,6 @@ def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
         bench: as measured.
         ratio: motor speed over output speed.
         motor_speed: the speed is the motor's already.
-
-    Raises:
-        InvalidValueError: a ratio outside [1, 500].
     """
     check_range("gear_ratio", ratio, 1.0, 500.0)
     bench = replace(bench, torque=bench.torque / ratio)

@@ -52,11 +52,7 @@ def _levels(values: FloatArray) -> int:
 
 
 def torque_flux(bench: Bench, pole_pairs: int) -> float:
-    """Flux linkage from torque over current [Wb], saturation and friction taken off, robustly.
-
-    Raises:
-        SprintlabError: torque and current have opposite signs, or there is no torque at all.
-    """
+    """Flux linkage from torque over current [Wb], saturation and friction taken off, robustly."""
     if float(np.median(np.abs(bench.torque))) == 0.0:
         raise SprintlabError("the torque is zero in most rows: is its column the right one?")
     columns = [bench.current, -bench.current * np.abs(bench.current)]

@@ -89,11 +89,6 @@ def identify(
         base: a motor that supplies held values and is compared with.
         hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
         also: names in ``OPTIONAL_UNITS`` that are fitted too.
-
-    Raises:
-        SprintlabError: too few rows, speeds or currents, too many rows, or units and signs that contradict
-            each other.
-        InvalidValueError: a setting is not allowed.
     """
     check_range("pole_pairs", pole_pairs, 1, 200)
     for name in hold:

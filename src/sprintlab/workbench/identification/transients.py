@@ -43,10 +43,6 @@ def rested(bench: Bench, window: float = WINDOW, speed_may_change: bool = False)
     """The steady windows of a log as a bench, one row a window [s]; a remark says what was left out.
 
     ``speed_may_change`` counts windows while the speed changes, too: the rotor's inertia is fitted.
-
-    Raises:
-        SprintlabError: no times, times that run backwards, or no window in which the log rests.
-        InvalidValueError: a window outside [0.001, 60] s.
     """
     check_range("window", window, 1e-3, 60.0, "s")
     if bench.time is None:
