@@ -221,16 +221,9 @@ def make_contract(
     estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
 ) -> PolicyContract:
-    """The contract of a policy trained for ``robot``; arguments as its fields.
+    """The contract of a policy trained for ``robot``; its rate is that of the proprioception's low-pass.
 
-    Args:
-        robot: what the policy drives.
-        layout: what the policy sees.
-        training: how it was trained.
-        software: package versions by name.
-        proprioception_filter: the low-pass used in training; its rate is the policy's.
-        estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
-        action_limit: greatest magnitude of an action that is used.
+    ``estimate_filter`` is the low-pass inside the network, ``None`` without an estimator.
     """
     return PolicyContract(
         **robot_section(robot),
@@ -252,8 +245,7 @@ def make_contract(
 def check_contract(contract: PolicyContract, robot: RobotDescription) -> None:
     """Refuse a policy that was not made for ``robot``, or that this version would run differently.
 
-    Raises:
-        ContractMismatchError: names the first field that differs, with both values.
+    The ``ContractMismatchError`` names the first field that differs, with both values.
     """
     _require_equal("format_version", contract.format_version, FORMAT_VERSION, "this version")
     _require_equal("policy_rate_hz", contract.policy_rate_hz, POLICY_RATE_HZ, "this version")

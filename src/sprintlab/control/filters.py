@@ -31,15 +31,12 @@ def low_pass(previous: Array, value: Array, coefficient: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class LowPass:
-    """A low-pass with its rate; the state is the last output and belongs to the caller.
-
-    Attributes:
-        cutoff_hz: frequency at which the continuous filter passes 1/sqrt(2) [Hz].
-        rate_hz: rate at which ``step`` is called [Hz]; at least twice the cutoff.
-    """
+    """A low-pass with its rate; the state is the last output and belongs to the caller."""
 
     cutoff_hz: float = PROPRIOCEPTION_CUTOFF_HZ
+    """Frequency at which the continuous filter passes 1/sqrt(2) [Hz]."""
     rate_hz: float = 50.0
+    """Rate at which ``step`` is called [Hz]; at least twice the cutoff."""
 
     def __post_init__(self) -> None:
         low_pass_coefficient(self.cutoff_hz, self.rate_hz)

@@ -69,16 +69,12 @@ def standard_terms() -> dict[str, Scale]:
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationLayout:
-    """What a run observes.
-
-    Attributes:
-        terms: names of ``OBSERVABLES`` in the order of the frame, each with its factor: one for all its
-            numbers, or one for each.
-        history_length: frames in the network input, oldest first.
-    """
+    """What a run observes."""
 
     terms: Mapping[str, Scale] = field(default_factory=standard_terms)
+    """Names of ``OBSERVABLES`` in the frame's order, each with one factor, or one for each number."""
     history_length: int = 5
+    """Frames in the network input, oldest first."""
 
     def __post_init__(self) -> None:
         for name, scale in self.terms.items():

@@ -63,17 +63,11 @@ class Decision(NamedTuple):
 
 
 class Policy:
-    """A loaded policy file: its contract and its network. One thread at a time may use it.
-
-    Attributes:
-        contract: what the policy was made for.
-        layout: the observation that it sees.
-        digest: SHA-256 of the file that was read, which may be another one by now.
-    """
+    """A loaded policy file: its contract and its network. One thread at a time may use it."""
 
     def __init__(self, contract: PolicyContract, session: Any, digest: str) -> None:
         self.contract = contract
-        self.digest = digest
+        self.digest = digest  # SHA-256 of the file that was read, which may be another one by now
         self.layout = contract.layout
         self._session = session
 
@@ -83,12 +77,9 @@ class Policy:
         return self.contract.filters.estimate_cutoff_hz is not None
 
     def decide(self, observation: FloatArray, previous_estimate: FloatArray | None = None) -> Decision:
-        """Actions and estimates for network inputs.
+        """Actions and estimates for network inputs ``(batch, H * 45)``.
 
-        Args:
-            observation: ``(batch, H * 45)``.
-            previous_estimate: ``Decision.estimate`` of the step before ``(batch, 8)``; ``None`` for zeros,
-                not used by a network without an estimator.
+        ``previous_estimate`` is ``Decision.estimate`` of the step before ``(batch, 8)``; ``None``: zeros.
         """
         _check_batch("observation", observation, self.layout.input_size)
         if previous_estimate is not None and self.estimates:
@@ -118,10 +109,6 @@ class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
     As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose.
-
-    Args:
-        policy: the loaded policy.
-        robot: the robot it shall drive.
 
     Raises:
         ContractMismatchError: the policy was not made for this robot.
@@ -172,13 +159,8 @@ class PolicyRuntime:
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         """Joint position targets [rad] ``(joints,)`` for the next policy period.
 
-        Args:
-            measurement: sensor readings of this step.
-            command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
-
-        Raises:
-            InvalidValueError: a value is NaN or infinite or has the wrong shape; the runtime's state is
-                then unchanged.
+        ``command``: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(3,)``. A value that is refused
+        leaves the runtime's state unchanged.
         """
         joints = self._layout.joints
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
@@ -221,11 +203,7 @@ class PolicyRuntime:
 
 
 def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = None) -> Policy:
-    """Read a policy file.
-
-    Args:
-        path: the ONNX file.
-        robot: also refuse a policy that was not made for this robot.
+    """Read an ONNX policy file; with a ``robot``, refuse a policy that was not made for it.
 
     Raises:
         PolicyFileError: the file is missing, unreadable, truncated, without a contract, or its network

@@ -33,11 +33,7 @@ class GraphError(ValueError):
 
 
 def check_graph(content: bytes) -> None:
-    """Refuse an ONNX file whose network could do more than a policy does.
-
-    Args:
-        content: bytes of the file.
-    """
+    """Refuse an ONNX file, given as its bytes, whose network could do more than a policy does."""
     model = _parsed(content)
     if model.functions or model.training_info or model.graph.sparse_initializer:
         raise GraphError("holds functions of its own, a training or sparse tensors")

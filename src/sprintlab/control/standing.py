@@ -26,17 +26,11 @@ REST_COMMAND = 0.05
 
 
 class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When a robot that is asked to stand is held in its default pose.
+    """When a robot that is asked to stand is held in its default pose."""
 
-    Attributes:
-        hold_speed: it is held from an estimated horizontal speed below this on [m/s].
-        release_tilt: tilt of the trunk above which the policy acts again [rad].
-        blend_time: time constant with which the pose takes over [s].
-    """
-
-    hold_speed: float = 0.6
-    release_tilt: float = 0.2
-    blend_time: float = 0.3
+    hold_speed: float = 0.6  # estimated horizontal speed below which it is held [m/s]
+    release_tilt: float = 0.2  # tilt of the trunk above which the policy acts again [rad]
+    blend_time: float = 0.3  # time constant with which the pose takes over [s]
 
     def __post_init__(self) -> None:
         check_positive("standing.hold_speed", self.hold_speed, "m/s")
@@ -61,7 +55,7 @@ def standing_share(
     one, and a speed that is estimated later does not end it.
 
     Args:
-        contract: speed, tilt and time constant.
+        contract: what it is held by.
         held: the share now ``(...)``.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
         velocity: estimated, body frame [m/s] ``(..., 2)`` or more.
@@ -83,12 +77,7 @@ def _squared(vector: Array) -> Array:
 
 
 class StandingHold:
-    """Says from step to step which share of the policy's action is used.
-
-    Args:
-        contract: speed, tilt and time constant.
-        rate_hz: rate of the policy [Hz].
-    """
+    """Says from step to step which share of the policy's action is used."""
 
     def __init__(self, contract: StandingContract, rate_hz: float) -> None:
         self._contract, self._rate_hz = contract, rate_hz
@@ -104,13 +93,7 @@ class StandingHold:
         self._held: Array = np.asarray(1.0)
 
     def share(self, command: FloatArray, velocity: FloatArray, gravity: FloatArray) -> float:
-        """Share of the action to use, 0 to 1; at once 1 when the command is not rest.
-
-        Args:
-            command: forward, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
-            velocity: estimated, body frame [m/s] ``(3,)``.
-            gravity: unit vector, body frame ``(3,)``.
-        """
+        """Share of the action to use, 0 to 1; at once 1 when the command is not rest."""
         self._held = standing_share(
             self._contract,
             self._held,

@@ -29,17 +29,10 @@ class JoystickError(SprintlabError):
 
 
 class Joystick:
-    """Axes and buttons of a gamepad.
-
-    Attributes:
-        held: numbers of the buttons that are down.
-
-    Args:
-        device: the joystick device, or a named pipe that carries the same events.
-    """
+    """Axes and buttons of a gamepad: a joystick device, or a named pipe that carries the same events."""
 
     def __init__(self, device: Path = DEFAULT_DEVICE) -> None:
-        self.held: set[int] = set()
+        self.held: set[int] = set()  # numbers of the buttons that are down
         self._axes: dict[int, float] = {}
         try:
             self._descriptor: int | None = os.open(device, os.O_RDONLY | _NON_BLOCKING)

@@ -75,11 +75,7 @@ def pmsm_actuator(joint_names: Sequence[str], motors: JointMotors, **fields: Any
 
     Isaac Lab's effort limit of the joint is what the motors can hold when braking, with gear losses, so that
     nothing is clipped twice.
-
-    Args:
-        joint_names: the articulation's, in any order.
-        motors: by name, or one for all joints.
-        fields: ``stiffness``, ``damping`` and other fields of the configuration.
+    Names are in any order; ``fields`` are ``stiffness``, ``damping`` and others of the configuration.
     """
     found, values = motors.ordered(joint_names), motors.parameters(joint_names)
     ratio, efficiency = values["gear_ratio"], values["gear_efficiency"]

@@ -41,23 +41,14 @@ _SPEEDS = 401
 
 @dataclass(frozen=True, kw_only=True)
 class DcMotor:
-    """MuJoCo's ``<dcmotor>`` that is nearest to a geared motor; plain numbers, motor side.
+    """MuJoCo's ``<dcmotor>`` that is nearest to a geared motor; plain numbers, motor side."""
 
-    Attributes:
-        constant: torque and back-EMF constant K [N m/A = V s/rad].
-        resistance: [ohm].
-        voltage: greatest input [V].
-        peak_torque: greatest torque [N m].
-        ratio: gear ratio [-].
-        rotor_inertia: [kg m^2]; MuJoCo makes it the joint's armature with the ratio's square.
-    """
-
-    constant: float
-    resistance: float
-    voltage: float
-    peak_torque: float
-    ratio: float
-    rotor_inertia: float
+    constant: float  # torque and back-EMF constant K [N m/A = V s/rad]
+    resistance: float  # [ohm]
+    voltage: float  # greatest input [V]
+    peak_torque: float  # [N m]
+    ratio: float  # of the gear [-]
+    rotor_inertia: float  # [kg m^2]; MuJoCo makes it the joint's armature with the ratio's square
 
     def element(self, joint: str, name: str = "") -> str:
         """The line of MJCF for one joint (MuJoCo 3.11); its control is a voltage [V], see ``control``."""

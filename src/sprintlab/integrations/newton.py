@@ -115,11 +115,7 @@ def pmsm_clampings(
     joint_names: Sequence[str], motors: JointMotors, model: str = "refined"
 ) -> dict[str, tuple[type[PmsmClamping], dict[str, float]]]:
     """What ``ModelBuilder.add_actuator(..., clamping=[...])`` takes for each joint, by its name.
-
-    Args:
-        joint_names: in any order.
-        motors: by joint name, or one for all joints.
-        model: one of ``MODELS``.
+    The names are in any order; ``model`` is one of ``MODELS``.
     """
     check_choice("model", model, MODELS)
     values = motors.parameters(joint_names)

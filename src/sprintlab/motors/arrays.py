@@ -16,15 +16,9 @@ _NUMPY_KINDS = (int, float, np.ndarray, np.generic)
 
 
 def as_arrays(*values: Array) -> tuple[Any, list[Array]]:
-    """Bring ``values`` into one library, floating type and device.
+    """The array-API namespace, and ``values`` in one library, floating type and device, not broadcast.
 
     A tensor beside NumPy arrays decides.
-
-    Args:
-        values: numbers or arrays of any broadcastable shapes.
-
-    Returns:
-        The array-API namespace and the values as arrays, in order, not broadcast.
     """
     for value in values:
         if not isinstance(value, _NUMPY_KINDS) and _compat.is_array_api_obj(value):

@@ -23,13 +23,9 @@ _FAST_MODELS = ("refined", "simplified-dc", "square")
 
 
 class PreparedDrive:
-    """All drives of a robot on one bus.
+    """All drives of a robot on one bus: motors and gears ``(joints,)``, a bus voltage [V].
 
-    Args:
-        motors: one motor per joint, arrays of shape ``(joints,)``.
-        gear: ratio and efficiency per joint.
-        bus_voltage: [V].
-        model: one of ``MOTOR_MODELS``; those without a fast form here call ``torque_limits``.
+    Models without a fast form here call ``torque_limits``.
     """
 
     def __init__(
@@ -54,10 +50,9 @@ class PreparedDrive:
         self._voltage = float(phase_voltage_limit(bus_voltage))
 
     def set_temperature(self, heat: WindingHeat, temperature: FloatArray) -> FloatArray:
-        """Go on with the motors that windings at ``temperature`` ``(joints,)`` [degC] make: ``heated_motor``.
+        """Go on with the ``heated_motor`` of windings at ``temperature`` ``(joints,)`` [degC].
 
-        Returns:
-            What is left of the flux ``(joints,)`` [-].
+        What is left of the flux ``(joints,)`` [-] is returned.
         """
         cold = self._cold_motors
         if self._general:

@@ -257,16 +257,9 @@ def i2t_drive(
     bus_voltage: Array,
     model: MotorModel = "refined",
 ) -> tuple[DriveOutput, Array]:
-    """One step of ``drive_torque`` with I²t; the caller keeps the level U, zero for a cold drive.
+    """One step of ``drive_torque`` with I²t: what the drive gives, and the level U after the step.
 
-    Args:
-        motor, gear, desired_joint_torque, joint_velocity, bus_voltage, model: as of ``drive_torque``.
-        continuous_current: i_c [A].
-        level: U before the step [-].
-        decay: decay over the step, ``i2t_decay`` [-].
-
-    Returns:
-        What the drive gives, and the level after the step.
+    The caller keeps the level, zero for a cold drive; ``decay`` is that over the step, ``i2t_decay``.
     """
     xp, (peak, constant, saturation, level) = as_arrays(
         motor.peak_torque, motor.torque_constant, motor.saturation, level

@@ -19,9 +19,7 @@ def check_bus_voltage(bus_voltage: float) -> None:
 def phase_voltage_limit(bus_voltage: Array, utilization: float = VOLTAGE_UTILIZATION) -> Array:
     """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` [V] (linear space-vector modulation).
 
-    Args:
-        bus_voltage: DC bus [V], not negative; arrays are not checked: the host would wait for the device.
-        utilization: gamma in [0, 1] [-].
+    A bus voltage in an array is not checked: the host would wait for the device.
     """
     check_range("utilization", utilization, 0.0, 1.0)
     if isinstance(bus_voltage, int | float):

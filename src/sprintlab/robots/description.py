@@ -104,7 +104,7 @@ class Mechanics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotDescription:
-    """A quadruped, SI units: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist."""
+    """A quadruped, SI units; joints in the order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist."""
 
     name: str  # the robot's name
     leg_names: tuple[str, ...]  # 4 legs

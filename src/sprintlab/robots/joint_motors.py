@@ -76,10 +76,7 @@ def match_joints(names: Sequence[str], joints: Sequence[str]) -> list[int]:
     """Index among a robot's ``joints`` of each name: equal, or equal under one of ``CONVENTIONS``.
 
     ``FL_calf_joint``, ``robot/fl_calf`` and ``LF_KFE`` all are ``FL_knee``.
-
-    Args:
-        names: another program's names, in any order, for any number of the robot's joints.
-        joints: the robot's, such as ``FL_knee``.
+    The names are in any order, for any number of the robot's joints.
     """
     check_unique(names)
     places = {joint: place for place, joint in enumerate(joints)}

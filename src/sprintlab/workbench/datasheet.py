@@ -94,11 +94,7 @@ class DatasheetConversion:
 
 
 def convert_datasheet(sheet: Datasheet, tolerance: float = TOLERANCE) -> DatasheetConversion:
-    """The dq parameters of a data sheet.
-
-    Args:
-        sheet: as read by ``load_datasheet``.
-        tolerance: relative difference between entries that say the same, in (0, 0.5).
+    """The dq parameters of a data sheet, whose entries may differ by ``tolerance`` where they say the same.
 
     Raises:
         SprintlabError: entries are ambiguous; all are named, with what each convention would mean.

@@ -46,29 +46,12 @@ _START_TILT = 30.0  # degrees up to which the robot may stand up
 
 
 class Controller:
-    """Runs one policy on one robot.
-
-    Args:
-        policy: the loaded policy.
-        robot: the robot it drives.
-        source: source of the commanded velocity.
-        top_speed: greatest commanded speed [m/s].
-
-    Attributes:
-        session: number that its commands carry, drawn at random.
-        fault_counts: number of times each fault was noticed.
-        stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
-        policy_time: duration of the last policy step [s].
-        moving_since: time in the last run at which the command was first not zero [s]; None before.
-
-    Raises:
-        ContractMismatchError: the policy was not made for this robot.
-    """
+    """Runs one policy on one robot, at commanded speeds up to ``top_speed`` [m/s]."""
 
     def __init__(
         self, policy: Policy, robot: RobotDescription, source: CommandSource, *, top_speed: float = 12.0
     ) -> None:
-        self.session = new_session()
+        self.session = new_session()  # number that its commands carry
         self._robot, self._source = robot, source
         self._runtime = PolicyRuntime(policy, robot)
         self._states, self._body = StateMonitor(robot), BodyMonitor(robot)
@@ -87,9 +70,9 @@ class Controller:
         self._override = Request.NONE
         self._behaviour = modes.Behaviour()
         self.fault_counts: Counter[Fault] = Counter()
-        self.stop_reason = ""
-        self.policy_time = 0.0
-        self.moving_since: float | None = None
+        self.stop_reason = ""  # the fault, or ``operator``, that led to the present or last ``stop``
+        self.policy_time = 0.0  # duration of the last policy step [s]
+        self.moving_since: float | None = None  # when the last run's command was first not zero [s]
         still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), self._targets, 0.0 * self._targets)
         for _ in range(_WARM_UP_STEPS):  # a network's first steps are slow: later a robot waits
             self._runtime.step(still, self._limiter.velocity)

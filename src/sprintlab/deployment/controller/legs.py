@@ -21,9 +21,6 @@ class Legs:
     In the plane of a leg with thigh ``a``, shank ``b``, hip angle ``h`` and knee angle ``k`` the foot is at
     ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip; the abduction turns
     this plane, at its offset, about the trunk's forward axis.
-
-    Attributes:
-        shortest: least distance of each foot from its hip in that plane [m] ``(legs,)``.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -37,6 +34,7 @@ class Legs:
         self._bend = np.sign(robot.default_pose[self._joints[:, 2]])
         self._weight = GRAVITY * robot.total_mass
         folded = folded_pose(robot)[self._joints[:, 2]]
+        # Least distance of each foot from its hip in that plane [m] ``(legs,)``
         self.shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))
 
     def feet(self, pose: FloatArray) -> FloatArray:

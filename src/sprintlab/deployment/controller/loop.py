@@ -128,14 +128,7 @@ def run_loop(
 
     The first interruption brings the robot down in order (brake, stand, lie down), a second stops it at once.
     Whatever ends the loop, the last command damps the joints or leaves them off.
-
-    Args:
-        controller: the controller to run.
-        bus: the controller's end, opened for its session; not closed here.
-        options: clock and end.
-        log: takes every step.
-        interrupted: number of times the user has asked to end so far.
-        status: told ten times a second how things stand.
+    ``interrupted`` counts the interruptions so far; ``status`` is told ten times a second how things stand.
     """
     loop = _Loop(
         controller=controller, bus=bus, options=options, log=log, interrupted=interrupted, status=status

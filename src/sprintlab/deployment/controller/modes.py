@@ -65,13 +65,7 @@ class Behaviour:
         return True
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
-        """The mode that follows, or the fault that ends this one; None as long as it goes on.
-
-        Args:
-            state: the last accepted one.
-            time: controller's clock [s].
-            velocity: commanded: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
-        """
+        """The mode that follows at ``time`` [s], or the fault that ends this one; None: it goes on."""
         return None
 
 
@@ -123,9 +117,8 @@ class Stand(Behaviour):
 class Run(Behaviour):
     """The policy drives.
 
-    Args:
-        command_time: time in which the commanded velocity falls from its greatest value to zero [s].
-        planar_speed: speed of the trunk as the policy estimates it [m/s]; None without an estimator.
+    ``command_time`` [s] is what the commanded velocity takes to fall from its greatest value to zero,
+    ``planar_speed`` the trunk's estimated speed [m/s], None without an estimator.
     """
 
     mode = Mode.RUN

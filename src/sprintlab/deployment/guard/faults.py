@@ -21,18 +21,11 @@ _D, _B, _S = Reaction
 
 
 class Fault(str, Enum):
-    """What can be wrong. Its value is its name.
-
-    Attributes:
-        reaction: the controller's reaction.
-        lasts: how long the condition holds before it is a fault [s].
-        within: greatest time from the onset to the first command that shows the reaction [s].
-        meaning: the fault in words.
-    """
+    """What can be wrong. Its value is its name."""
 
     reaction: Reaction
-    lasts: float
-    within: float
+    lasts: float  # how long the condition holds before it is a fault [s]
+    within: float  # greatest time from the onset to the first command that shows the reaction [s]
     meaning: str
 
     def __new__(cls, name: str, reaction: Reaction, lasts: float, delay: float, meaning: str) -> Fault:

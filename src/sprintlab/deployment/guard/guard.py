@@ -71,12 +71,9 @@ class CommandGuard:
         return lower * self._ratio, upper * self._ratio
 
     def servo(self, target: FloatArray, state: RobotState, age: float = 0.0) -> GuardedServo:
-        """The nearest command to the robot's gains about ``target`` that keeps every limit at ``state``.
+        """The command nearest to the robot's gains about ``target`` [rad] that keeps all limits at ``state``.
 
-        Args:
-            target: wanted joint positions within ``COMMAND_BOUNDS`` [rad] ``(joints,)``.
-            state: the last one.
-            age: age of the state when the command acts [s].
+        ``age`` is that of the state when the command acts [s].
         """
         stiffness, damping = self._stiffness, self._damping
         least, greatest = self._torque_interval(state, age)

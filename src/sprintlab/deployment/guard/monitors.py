@@ -50,11 +50,7 @@ class Persistence:
 
 
 class StateMonitor:
-    """Decides which states may be used.
-
-    Attributes:
-        last: the last accepted state.
-    """
+    """Decides which states may be used; ``last`` is the last accepted one."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self._middle, self._reach = _joint_range(robot, _POSITION_SLACK)
@@ -69,10 +65,9 @@ class StateMonitor:
         self._accepted_at = math.inf
 
     def accept(self, state: RobotState, time: float) -> list[Fault]:
-        """Judge one state, in order of arrival, at ``time`` [s]; a usable one becomes ``last``.
+        """What is wrong with a state that arrived at ``time`` [s]; a usable one becomes ``last``.
 
-        Returns:
-            What is wrong with it; ``STATE_LOST`` does not keep it from being used.
+        ``STATE_LOST`` does not keep it from being used.
         """
         refusal = self._refusal(state)
         if refusal is not None:
@@ -139,12 +134,9 @@ class BodyMonitor:
         self._last: RobotState | None = None
 
     def check(self, state: RobotState, time: float, *, carried: bool) -> list[Fault]:
-        """Faults that ``state`` shows.
+        """Faults that an accepted state shows at ``time`` [s].
 
-        Args:
-            state: an accepted state.
-            time: controller's clock [s].
-            carried: whether the legs are meant to carry the trunk: then a collapse is a fault.
+        ``carried``: the legs are meant to carry the trunk, and a collapse is a fault.
         """
         bent = map(float.__sub__, state.joint_position.tolist(), self._middle)
         conditions = {

@@ -21,14 +21,9 @@ _BRAKING_RATES = np.array([BRAKING, BRAKING, 20.0])
 
 
 class VelocityLimiter:
-    """Brings the commanded velocity towards what is wished for.
+    """Brings the commanded ``velocity`` (forward, sideways [m/s], yaw rate [rad/s]) towards a wish.
 
-    Args:
-        top_speed: greatest forward speed [m/s], 0 to 50.
-        rates: highest rates of change [m/s^2, m/s^2, rad/s^2] ``(3,)``.
-
-    Attributes:
-        velocity: present command: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
+    ``top_speed`` [m/s] bounds it, ``rates`` ``(3,)`` [m/s^2, m/s^2, rad/s^2] its changes.
     """
 
     def __init__(self, top_speed: float, rates: FloatArray = RATES) -> None:

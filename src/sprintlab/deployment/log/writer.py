@@ -55,11 +55,7 @@ def check_new_log(path: Path) -> None:
 class McapRunLog:
     """Becomes an MCAP file; ``dropped`` counts ticks that the writing process was too slow to take.
 
-    Args:
-        path: where; as ``check_new_log`` allows it.
-        facts: the robot, the contract and notes about the run.
-        wait: wait for the writing process rather than drop a tick, ten seconds at most: for runs that are not
-            in real time.
+    With ``wait`` it waits for that process, ten seconds at most: for runs that are not in real time.
     """
 
     def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:

@@ -46,7 +46,7 @@ BUTTONS = {0: Request.STAND, 7: Request.RUN, 1: Request.LIE_DOWN, 2: Request.STO
 
 
 class _DeviceSource(CommandSource):
-    """A source that a person operates, with a top speed [m/s]."""
+    """A source that a person operates, with a top speed [m/s]; backwards a fifth of it."""
 
     def __init__(self, top_speed: float) -> None:
         check_positive("top_speed", top_speed, "m/s")
@@ -77,10 +77,7 @@ class KeyboardSource(_DeviceSource):
     """Keys of a terminal, taken one by one without Enter. The terminal is put back when it closes.
 
     The keys stand in ``docs/deployment.md``; ``p`` is passive after a stop.
-
-    Args:
-        top_speed: highest wish [m/s]; backwards a fifth of it.
-        descriptor: the terminal's file descriptor; standard input when left out.
+    ``descriptor`` is the terminal's; standard input when left out.
     """
 
     def __init__(self, top_speed: float, descriptor: int | None = None) -> None:
@@ -124,10 +121,6 @@ class GamepadSource(_DeviceSource):
     Letting go of the switch in a run asks for a stand: the robot brakes, and stays there until the switch
     is held and a run is asked for again. A switch that is down when the pad is opened does not count: it may
     be stuck.
-
-    Args:
-        device: the joystick device; ``JoystickError`` where it cannot be read, or is something else.
-        top_speed: with the stick fully forward [m/s]; backwards a fifth of it.
     """
 
     def __init__(self, device: Path, top_speed: float) -> None:

@@ -15,13 +15,7 @@ SOURCES = ("sprint", "sprint-raw", "keyboard", "gamepad", "profile:FILE", "gamep
 
 
 def open_source(name: str, *, top_speed: float, distance: float = 100.0) -> CommandSource:
-    """Open a command source.
-
-    Args:
-        name: one of ``SOURCES``.
-        top_speed: highest speed that it wishes for [m/s]; a profile file brings its own.
-        distance: length of a sprint [m].
-    """
+    """Open one of ``SOURCES``; ``distance`` [m] is a sprint's, and a profile file has its own speeds."""
     kind, _, rest = name.partition(":")
     if name in ("sprint", "sprint-raw"):
         return SprintSource(top_speed, distance, pace=name == "sprint")

@@ -74,20 +74,13 @@ class SprintSource(_ScriptedSource):
 
     Distance and speed come from the position fixes; between two of them the robot is taken to go on at its
     last speed, which costs 0.2 m/s of pace at 4 m/s^2 and 10 Hz. Without fixes a sprint has no end and no
-    pace, so the source falls silent, as a source that is lost.
-
-    Args:
-        top_speed: [m/s].
-        distance: [m].
-        pace: keep the command near the measured speed, as ``self_paced`` does (ACS at run time).
-
-    Attributes:
-        finish_time: time from the start of the run to the end of the distance [s].
+    pace, so the source falls silent, as a source that is lost. With ``pace`` the command stays near the
+    measured speed, as ``self_paced`` says (ACS at run time).
     """
 
     def __init__(self, top_speed: float, distance: float = 100.0, *, pace: bool = True) -> None:
         check_positive("sprint.distance", distance, "m")
-        self.finish_time: float | None = None
+        self.finish_time: float | None = None  # from the start of the run to the end of the distance [s]
         self._profile = SprintProfile(top_speed=top_speed, acceleration=float(OPERATOR_RATES[0]))
         self._distance, self._pace = distance, pace
 

@@ -69,16 +69,10 @@ def run_simulator(
     progress: Callable[[float, float], None] = lambda time, distance: None,
     remark: Callable[[str], None] = lambda text: None,
 ) -> SimulatorReport:
-    """Be a robot on the bus until told to stop.
+    """Be a robot on the bus until told to stop, and time the passing of ``mark`` [m].
 
-    Args:
-        world: robot and links.
-        endpoint: the robot's end of the bus; not closed here.
-        pace: real time or lock-step, and when to end.
-        mark: distance whose passing is timed [m].
-        stopped: asked at every step.
-        progress: told simulated time [s] and distance [m] ten times a simulated second.
-        remark: told once of each reason for which commands are dropped.
+    ``stopped`` is asked at every step, ``progress`` told time [s] and distance [m] ten times a simulated
+    second, ``remark`` each reason for which commands are dropped.
     """
     run = _Run(world, endpoint, pace, stopped)
     told: set[str] = set()

@@ -44,15 +44,9 @@ def leaves_this_machine(address: str) -> bool:
 
 
 def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
-    """The controller's end of a bus.
+    """The controller's end of a bus, whose commands carry ``session``, by itself a random number.
 
-    Args:
-        address: the robot's address.
-        session: number that the controller's commands carry; drawn at random when left out.
-
-    Raises:
-        InvalidValueError: the address makes no sense.
-        SprintlabError: no robot is there, another controller drives it, or a package is missing.
+    Raises ``SprintlabError`` where no robot is, another controller drives it, or a package is missing.
     """
     parsed = parse_address(address)
     return _transport(parsed).controller_end(parsed, session or new_session())

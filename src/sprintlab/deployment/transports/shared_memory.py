@@ -109,9 +109,7 @@ class _SharedMemory(Carrier):
 class FileLock:
     """A file that one process at a time holds, removed when it is released; the system ends a crashed hold.
 
-    Args:
-        path: where.
-        taken: what to say where another process holds it.
+    ``taken`` is said where another process holds it.
     """
 
     def __init__(self, path: Path, taken: str) -> None:

@@ -194,12 +194,7 @@ def randomize_bus_voltage(
     asset_cfg: SceneEntityCfg = _ROBOT,
 ) -> None:
     """An mjlab event: one bus voltage an environment, shared by all its motors.
-
-    Args:
-        env: mjlab's environment.
-        env_ids: which environments; all if ``None``.
-        voltage_range: least and greatest voltage [V], uniform.
-        asset_cfg: the entity whose motors are meant.
+    Uniform between least and greatest voltage [V], for all environments if ``env_ids`` is ``None``.
     """
     low, high = voltage_range
     check_positive("voltage_range", low, "V")

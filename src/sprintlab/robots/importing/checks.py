@@ -113,11 +113,7 @@ def compare_models(source: SourceRobot, fitted: FittedRobot, robot: RobotDescrip
 class _Machine:
     """A compiled model with its base held, asked for inertia and feet.
 
-    Args:
-        model: compiled.
-        base: index of the trunk's body.
-        joints: 12 names in policy order.
-        feet: middle of each foot with all joints at zero, base frame.
+    ``feet`` are the feet's middles in the base frame with all joints at zero.
     """
 
     def __init__(self, model: mujoco.MjModel, base: int, joints: list[str], feet: list[FloatArray]) -> None:

@@ -97,10 +97,7 @@ def read_choices(path: Path) -> dict[str, Any]:
 
 def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
     """The choices that a table holds, as ``read_choices`` gives it.
-
-    Args:
-        given: fields of ``RobotChoices``; of each joint type, a table of the fields of ``JointChoice``.
-        origin: where they stand, for messages.
+    Of each joint type, a table of the fields of ``JointChoice``; messages name their ``origin``.
     """
     joints = given.get("joints", {})
     lacking = [name for name in ("name", "bus_voltage") if name not in given]

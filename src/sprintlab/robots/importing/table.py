@@ -30,13 +30,7 @@ Rows = dict[str, ParameterRow]
 
 
 def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) -> Rows:
-    """The parameter table.
-
-    Args:
-        fitted: what the model file says.
-        choices: what it does not say.
-        source_name: name of the model file, for the column of sources.
-    """
+    """The parameter table: what the model file says, and what it does not say."""
     rows, given = Rows(), ("as published", source_name)
 
     def add(section: str, uncertainty: str, basis: str, **values: Any) -> None:

@@ -32,11 +32,7 @@ class ImportedRobot:
 
 def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path) -> ImportedRobot:
     """Write the folder of a robot from an MJCF or URDF; nothing is left behind if anything is refused.
-
-    Args:
-        source: MJCF or URDF, or what ``read_source`` made of it.
-        choices: what it does not say.
-        output: folder in which the robot's folder is put.
+    ``source`` is a model file, or what ``read_source`` made of it.
     """
     folder = output / choices.name
     if os.path.lexists(folder):

@@ -89,12 +89,8 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: 
     """Read a bench file: comma, semicolon or tab between the cells; lines that begin with # are remarks.
 
     Where no comma parts the cells, numbers may have decimal commas. Lines above the header in which no column
-    is known are skipped.
-
-    Args:
-        path: the file.
-        needs_speed: whether a missing speed column is an error.
-        columns: ``name=heading`` or ``name=heading:unit`` for columns that the file calls otherwise.
+    is known are skipped. ``columns`` are ``name=heading`` or ``name=heading:unit`` for columns that the file
+    calls otherwise.
     """
     mapping = dict(_mapped(entry) for entry in columns)
     (number, header), *rows = _from_header(_read_cells(Path(path)), mapping)
@@ -112,13 +108,7 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: 
 
 
 def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
-    """The bench referred to the motor's shaft, of torques (and speeds) measured behind a gear.
-
-    Args:
-        bench: as measured.
-        ratio: motor speed over output speed.
-        motor_speed: the speed is the motor's already.
-    """
+    """The bench on the motor's shaft, of torques (and, without ``motor_speed``, speeds) behind a gear."""
     check_range("gear_ratio", ratio, 1.0, 500.0)
     bench = replace(bench, torque=bench.torque / ratio)
     if motor_speed or bench.speed is None:

@@ -34,15 +34,13 @@ _IMITATED = (
 
 
 class Decomposition:
-    """Singular values of a Jacobian with unit columns, and what follows from them.
+    """Singular values ``(p,)`` of a Jacobian ``(m, p)`` with unit columns, and what follows from them."""
 
-    Attributes:
-        singular: (p,) largest first.
-        basis: (m, r) orthonormal: what the parameters can do to the residuals.
-        leverage: (m,) share of each residual that the fit takes for itself.
-        gain: (p, m) change of each parameter with each residual.
-        blind_directions: unit vectors ``(p,)`` of parameters that no residual sees.
-    """
+    singular: FloatArray  # (p,) largest first
+    basis: FloatArray  # (m, r) orthonormal: what the parameters can do to the residuals
+    leverage: FloatArray  # (m,) share of each residual that the fit takes for itself
+    gain: FloatArray  # (p, m) change of each parameter with each residual
+    blind_directions: list[FloatArray]  # unit vectors ``(p,)`` of parameters that no residual sees
 
     def __init__(self, jacobian: Any) -> None:
         matrix = np.asarray(jacobian, dtype=float)
@@ -51,19 +49,14 @@ class Decomposition:
         left, self.singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
         floored = np.maximum(self.singular, 1e-12 * float(self.singular[0]))
         seen = self.singular >= _BLIND * self.singular[0]
-        self.basis: FloatArray = left[:, seen]
-        self.leverage: FloatArray = np.sum(self.basis**2, axis=1)
-        self.gain: FloatArray = (right.T / floored) @ left.T / lengths[:, None]
-        self.blind_directions: list[FloatArray] = list(right[~seen])
+        self.basis = left[:, seen]
+        self.leverage = np.sum(self.basis**2, axis=1)
+        self.gain = (right.T / floored) @ left.T / lengths[:, None]
+        self.blind_directions = list(right[~seen])
 
 
 def freedom(decomposition: Decomposition, rows: Sequence[int]) -> list[float]:
-    """Residuals less parameters of each channel: a row's leverage is what the fit took of it.
-
-    Args:
-        decomposition: decomposition of the weighted Jacobian.
-        rows: residuals that each channel adds, in order.
-    """
+    """Residuals less parameters of each channel, of which each adds so many ``rows``."""
     taken = decomposition.leverage
     return [float(end - begin - taken[begin:end].sum()) for begin, end in _ranges(rows)]
 
@@ -75,11 +68,7 @@ def half_widths(decomposition: Decomposition, residuals: FloatArray, rows: Seque
     that sensors whose noise grows with the signal do not narrow the intervals; where the fit took a residual
     for itself, the channel's noise stands in. The quantile of Student's t takes the effective degrees of
     freedom of each parameter (Welch and Satterthwaite), as the noise is known only as well as rows allow.
-
-    Args:
-        decomposition: decomposition of the weighted Jacobian ``(m, p)``.
-        residuals: in units of their channel's noise ``(m,)``.
-        rows: residuals that each channel adds, in order.
+    The residuals ``(m,)`` are in units of their channel's noise.
     """
     from scipy import special  # pyright: ignore[reportMissingTypeStubs]
 
@@ -123,14 +112,8 @@ def fault_of_bench(
 ) -> str:
     """``LOAD_LOSS`` or ``ZERO``, if the residuals of the torque still follow it after the fit.
 
-    A score test of one term for each, in which every residual has its own variance.
-
-    Args:
-        bench: the data.
-        torque: the first channel.
-        kept: rows of the bench that are no outliers ``(n,)``.
-        decomposition: decomposition of the weighted Jacobian ``(m, p)``.
-        residuals: in units of their channel's noise ``(m,)``.
+    A score test of one term for each, in which every residual has its own variance. ``kept`` are the rows
+    that are no outliers ``(n,)``; the residuals ``(m,)`` are in units of their channel's noise.
     """
     row = torque.rows[kept[torque.rows]]
     way, size = directions(bench)[row], np.abs(bench.current[row])

@@ -75,13 +75,7 @@ def patterns(bench: Bench, fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_]
 
     Rows at about the same current (or speed) make a group; the mean residuals of the groups must be equal
     within what the scatter in each explains. By chance that fails in one of a
-    hundred thousand.
-
-    Args:
-        bench: the data.
-        fits: fits of the channels.
-        kept: rows of the bench that are no outliers ``(n,)``.
-        fault: what the torque's residuals follow by ``fault_of_bench``.
+    hundred thousand. ``fault`` is what the torque's residuals follow by ``fault_of_bench``.
     """
     notes: list[str] = []
     for fit in fits:
