@@ -54,19 +54,10 @@ def numbers_in_another_file():
     return model([], tensor)
 
 
-def outer_product():
-    return model(
-        [helper.make_node("Add", ["row", "column"], ["huge"])],
-        constant("row", np.zeros((1, 100_000)), np.float32),
-        constant("column", np.zeros((100_000, 1)), np.float32),
-    )
-
-
 REFUSED = {
     loop: "operator 'Loop'",
     function: "functions of its own",
     numbers_in_another_file: "other files",
-    outer_product: "tensor of 10000000000 numbers",
 }
 
 

@@ -1,7 +1,5 @@
 """Files: what is not a regular file, too large, or no text is refused in one sentence."""
 
-import zipfile
-
 import numpy as np
 import pytest
 
@@ -53,11 +51,7 @@ def test_arrays_come_back(tmp_path):
         assert np.array_equal(read[name], value) and read[name].dtype == value.dtype
 
 
-def test_other_archives_are_refused_before_they_are_unpickled_or_unpacked(tmp_path):
+def test_other_archives_are_refused_before_they_are_unpickled(tmp_path):
     np.savez(tmp_path / "a.npz", a=np.array([print], dtype=object))
     with pytest.raises(SprintlabError, match="not an npz archive"):
         read_arrays(tmp_path / "a.npz", ("a",))
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("a.npy", bytes(3 << 20))
-    with pytest.raises(SprintlabError, match="unpacks to more than"):
-        read_arrays(tmp_path / "a.npz", ("a",), limit=1 << 20)

@@ -10,7 +10,6 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.integrations.mjcf import dc_motor, dc_motor_excess, motor_callback
 from sprintlab.motors import (
     Gear,
-    I2tLimit,
     drive_torque,
     library_motors,
     load_library_motor,
@@ -118,32 +117,6 @@ def test_the_callback_is_the_law_at_every_step_and_then_gone():
     before = len(seen)
     mujoco.mj_step(model, data)
     assert len(seen) == before
-
-
-def test_the_callback_counts_simulated_time_for_i2t():
-    model = pendulum("<motor joint='hip'/>", ("hip",))
-    data = mujoco.MjData(model)
-    actuator = load_library_motor("mit-mini-cheetah")
-    motor = actuator.motor
-    limit = I2tLimit(continuous_current=0.5 * motor.peak_torque / motor.torque_constant, peak_duration=0.02)
-    full = drive_torque(motor, actuator.gear, 1e3, 0.0, 24.0).torque
-    motors = JointMotors(motor=motor, gear=actuator.gear, bus_voltage=24.0)
-    with motor_callback(model, lambda _: np.array([1e3]), motors, "square", limit):
-        for _ in range(2):  # the second run begins cold
-            mujoco.mj_resetData(model, data)
-            given = []
-            while data.time < 0.04 - 1e-9:
-                data.qvel[:] = 0.0
-                mujoco.mj_forward(model, data)
-                given.append(float(data.ctrl[0]))
-                mujoco.mj_step(model, data)
-            steps = round(0.02 / model.opt.timestep)
-            assert given[:steps] == pytest.approx([full] * steps, rel=1e-6)
-            half = drive_torque(
-                motor, actuator.gear, 0.5 * actuator.gear.ratio * motor.peak_torque, 0.0, 24.0
-            )
-            assert given[-4:] == pytest.approx([half.torque] * 4, rel=1e-6)
-            assert min(given) > 0.999 * half.torque
 
 
 def test_a_failing_controller_leaves_no_callback_behind():

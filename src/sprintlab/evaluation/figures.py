@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 
 from sprintlab.core.array_types import Array
 from sprintlab.core.errors import SimulationError
+from sprintlab.core.smoothing import moving_average
 from sprintlab.core.theme import LIGHT, figure_legend, legend_above, set_title, themed_figure
-from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
 from sprintlab.evaluation.metrics import copper_losses, cost_so_far, joint_power, on_envelope, stances
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
@@ -28,6 +28,7 @@ GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
 POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
 
+_MOST_DOTS = 50_000  # of a cloud
 _SPLIT = 10.0  # [m] between the times that the figure of a sprint tells
 
 
@@ -44,8 +45,8 @@ def recorded(trial: TrialResult) -> Trajectory:
 
 
 def draw_curve(axis: Axes, time: Array, values: Array, color: str, **look: Any) -> None:
-    """A curve over time, thinned where it is long."""
-    axis.plot(*thinned_curve(time, values), color=color, **look)
+    """A curve over time."""
+    axis.plot(time, values, color=color, **look)
 
 
 def speed_figure(raw: TrialResult, self_paced: TrialResult) -> Figure:
@@ -237,8 +238,9 @@ def _draw_envelope(axis: Axes, curves: dict[str, Any], joint: int) -> None:
 def draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array) -> None:
     """Samples ``(T,)`` of one joint: speeds [rad/s], torques [N m], those on their limit in red."""
     look: Any = {"alpha": 0.45, "linewidths": 0, "zorder": 2, "rasterized": True}
+    kept = slice(None, None, 1 + len(speed) // _MOST_DOTS)
     for mask, colour, size in ((~limited, LIGHT.inside, 1.6), (limited, LIGHT.on_limit, 2.4)):
-        axis.scatter(*thinned_cloud(speed[mask], torque[mask]), s=size, color=colour, **look)
+        axis.scatter(speed[mask][kept], torque[mask][kept], s=size, color=colour, **look)
 
 
 def _envelope_legend(figure: Figure) -> None:

@@ -20,17 +20,12 @@ import numpy as np
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Gear,
-    I2tLimit,
     MotorModel,
     PmsmParameters,
     drive_torque,
-    i2t_drive,
-    i2t_level,
-    i2t_time_constant,
     no_load_speed,
     phase_voltage_limit,
     single,
-    squared_current,
 )
 from sprintlab.motors.arrays import Array
 from sprintlab.robots import JointMotors
@@ -124,7 +119,6 @@ def motor_callback(
     wanted: Callable[[mujoco.MjData], Array],
     motors: JointMotors,
     motor_model: MotorModel = "refined",
-    i2t: I2tLimit | None = None,
 ) -> Generator[None, None, None]:
     """MuJoCo's control callback, for as long as the context lasts: every step goes through the motor law.
 
@@ -136,20 +130,15 @@ def motor_callback(
         wanted: ``MjData`` -> wanted joint torques [N m] ``(n,)`` in the actuators' order, e.g. a PD loop.
         motors: by joint name, or one for all joints.
         motor_model: one of ``MOTOR_MODELS``.
-        i2t: how the drives cut overloads back; ``None``: not at all. They are cold at the start, and again
-            when a simulation's time goes back; one simulation a context.
     """
     joints = model.actuator_trnid[:, 0]
     dofs = model.jnt_dofadr[joints]
     own = motors.ordered([model.joint(joint).name for joint in joints])
 
-    def plain(asked: Array, speed: Array, _: float, __: float) -> Array:
-        return drive_torque(own.motor, own.gear, asked, speed, own.bus_voltage, motor_model).torque
-
-    drives = plain if i2t is None else _LimitedDrives(own, motor_model, i2t)
-
-    def control(described: mujoco.MjModel, data: mujoco.MjData) -> None:
-        data.ctrl[:] = drives(wanted(data), data.qvel[dofs], data.time, described.opt.timestep)
+    def control(_: mujoco.MjModel, data: mujoco.MjData) -> None:
+        velocity = data.qvel[dofs]
+        output = drive_torque(own.motor, own.gear, wanted(data), velocity, own.bus_voltage, motor_model)
+        data.ctrl[:] = output.torque
 
     before = mujoco.get_mjcb_control()
     mujoco.set_mjcb_control(control)
@@ -157,38 +146,3 @@ def motor_callback(
         yield
     finally:
         mujoco.set_mjcb_control(before)
-
-
-class _LimitedDrives:
-    """Drives with I²t for callers that come several times a step (``mj_forward``, Runge-Kutta)."""
-
-    def __init__(self, motors: JointMotors, model: MotorModel, limit: I2tLimit) -> None:
-        self._motors = motors
-        self._model: MotorModel = model
-        self._continuous = limit.continuous_current
-        self._time_constant = i2t_time_constant(limit, motors.motor)
-        self._time, self._level, self._squared_current = math.inf, 0.0, 0.0
-
-    def __call__(self, desired: Array, speed: Array, time: float, step: float) -> Array:
-        """Joint torques [N m] ``(n,)`` at a simulated time [s], bearable for ``step`` [s] more."""
-        self._advance(time - self._time)
-        self._time = time
-        output, _ = i2t_drive(
-            self._motors.motor,
-            self._motors.gear,
-            self._continuous,
-            self._level,
-            np.exp(-step / self._time_constant),
-            desired,
-            speed,
-            self._motors.bus_voltage,
-            self._model,
-        )
-        self._squared_current = squared_current(self._motors.motor, output)
-        return output.torque
-
-    def _advance(self, elapsed: float) -> None:
-        """Let the last currents have flowed for ``elapsed`` [s]; a time that went back is a new start."""
-        decay = np.exp(-max(elapsed, 0.0) / self._time_constant)
-        level = i2t_level(self._continuous, self._level, self._squared_current, decay)
-        self._level = level if elapsed >= 0.0 else 0.0

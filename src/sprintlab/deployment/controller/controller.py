@@ -318,7 +318,7 @@ class Controller:
             self._behaviour = modes.Stand(robot, here(state), self._time, before)
         elif mode is Mode.LIE_DOWN:
             self._limiter.reset()
-            self._behaviour = modes.LieDown(robot, here, state, self._time, after_run=before.policy_drives)
+            self._behaviour = modes.LieDown(robot, here(state), self._time)
         elif mode is Mode.RUN:
             self._behaviour = modes.Run(self._limiter.braking_time, self._estimated_speed)
             self._runtime.reset()

@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 
-from sprintlab.deployment.messages import FloatArray, RobotState
+from sprintlab.deployment.messages import FloatArray
 from sprintlab.robots import RobotDescription, leg_signs
 
-GRAVITY = 9.81  # m/s^2
-
+_GRAVITY = 9.81  # m/s^2
 _STOP_RESERVE = 0.1  # rad kept between a folded joint and its end stop
 _WEIGHT_FIRST = 10.0  # carrying the weight counts for more than carrying it level
 
@@ -32,7 +31,7 @@ class Legs:
         self._offset = mechanics.abad_offset * side
         self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros_like(side)), axis=1)
         self._bend = np.sign(robot.default_pose[self._joints[:, 2]])
-        self._weight = GRAVITY * robot.total_mass
+        self._weight = _GRAVITY * robot.total_mass
         folded = folded_pose(robot)[self._joints[:, 2]]
         # Least distance of each foot from its hip in that plane [m] ``(legs,)``
         self.shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))
@@ -48,15 +47,6 @@ class Legs:
             c, s = math.cos(pose[self._waist]), math.sin(pose[self._waist])
             feet[self._rear] = feet[self._rear] @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
         return feet
-
-    def level_feet(self, state: RobotState) -> FloatArray:
-        """Feet from the trunk's middle [m] ``(legs, 3)``, forward along the heading, z along gravity."""
-        w, x, y, z = state.quaternion.tolist()
-        roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-        pitch = -math.asin(min(1.0, max(-1.0, 2.0 * (x * z - w * y))))
-        cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-        levelled = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-        return self.feet(state.joint_position) @ levelled.T
 
     def pose(self, feet: FloatArray) -> FloatArray:
         """Pose [rad] ``(joints,)`` that has its feet at ``feet`` [m] ``(legs, 3)``, in the trunk's axes.
@@ -81,25 +71,14 @@ class Legs:
         joints[self._joints] = legs
         return joints
 
-    def within_reach(self, feet: FloatArray, share: float) -> FloatArray:
-        """Feet [m] ``(legs, 3)`` from the trunk's middle, raised where a leg were longer than ``share``."""
-        hips = feet - self._axes
-        longest = (share * (self._a + self._b)) ** 2 + self._offset**2
-        lowest = -np.sqrt(np.maximum(longest - hips[:, 0] ** 2 - hips[:, 1] ** 2, 0.0))
-        hips[:, 2] = np.maximum(hips[:, 2], lowest)
-        return hips + self._axes
-
-    def loads(self, feet: FloatArray, standing: tuple[int, ...]) -> FloatArray:
-        """Vertical forces [N] ``(legs,)`` with which some of the feet carry a robot that is level.
+    def loads(self, feet: FloatArray) -> FloatArray:
+        """Vertical forces [N] ``(legs,)`` with which the feet carry a robot that is level.
 
         Least squares of weight, pitching and rolling moment about the trunk's middle; feet do not pull.
         """
-        legs = list(standing)
-        balance = np.stack((np.full(len(legs), _WEIGHT_FIRST), feet[legs, 0], feet[legs, 1]))
+        balance = np.stack((np.full(len(feet), _WEIGHT_FIRST), feet[:, 0], feet[:, 1]))
         wanted = np.array([_WEIGHT_FIRST * self._weight, 0.0, 0.0])
-        forces = np.zeros(len(feet))
-        forces[legs] = np.maximum(np.linalg.pinv(balance) @ wanted, 0.0)
-        return forces
+        return np.maximum(np.linalg.pinv(balance) @ wanted, 0.0)
 
     def carrying_torque(self, pose: FloatArray, loads: FloatArray) -> FloatArray:
         """Torques [N m] ``(joints,)`` that hold vertical ``loads`` [N] ``(legs,)`` at the feet: ``-J' f``.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,6 @@ PERCENTILES = (50.0, 90.0, 99.0, 99.9)
 _STOP_DWELL = 2.0  # s in stop before an unattended run ends
 _STATUS_PERIOD = 0.1  # s
 _POLL = 2e-5  # s between two looks at the bus in lock-step
-_BIN = 1e-6  # s
-_BINS = 100_000  # up to 0.1 s; what is longer counts in the last bin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,33 +53,17 @@ class LoopOptions:
             check_positive("loop.duration", self.duration, "s")
 
 
-class LatencyHistogram:
-    """Durations counted in bins of one microsecond.
+def _percentiles(durations: Sequence[float]) -> dict[str, float | int | None]:
+    """Count, percentiles and maximum of durations [s] in microseconds; None where nothing was counted."""
+    shares, names = (*PERCENTILES, 100.0), [*(f"p{percent:g}" for percent in PERCENTILES), "max"]
+    if not durations:
+        return {"count": 0, **dict.fromkeys(names)}
+    values = np.round(1e6 * np.percentile(durations, shares, method="inverted_cdf"), 1).tolist()
+    return {"count": len(durations), **dict(zip(names, values, strict=True))}
 
-    Attributes:
-        longest: the longest [s].
-    """
 
-    def __init__(self) -> None:
-        self.longest = 0.0
-        self._bins = np.zeros(_BINS, dtype=np.int64)
-
-    def add(self, duration: float) -> None:
-        """Take one duration [s]; negative ones count as zero."""
-        self.longest = max(self.longest, duration)
-        self._bins[min(max(int(duration / _BIN), 0), _BINS - 1)] += 1
-
-    def to_dict(self) -> dict[str, float | int | None]:
-        """Count, percentiles and maximum in microseconds; JSON form, None where nothing was counted."""
-        reached = np.cumsum(self._bins)
-        count = int(reached[-1])
-        names = [*(f"p{percent:g}" for percent in PERCENTILES), "max"]
-        if count == 0:
-            return {"count": 0, **dict.fromkeys(names)}
-        ranks = np.ceil(count * np.array(PERCENTILES) / 100.0)
-        edges = np.minimum((np.searchsorted(reached, ranks) + 1) * _BIN, self.longest)  # bins' ends
-        values = [round(1e6 * float(value), 1) for value in (*edges, self.longest)]
-        return {"count": count, **dict(zip(names, values, strict=True))}
+def _no_durations() -> array[float]:
+    return array("d")
 
 
 @dataclass(kw_only=True)
@@ -92,9 +75,9 @@ class LoopReport:
     policy_steps: int = 0  # number of steps of the policy
     deadline_misses: int = 0  # steps that ended after the next one was due
     skipped: int = 0  # periods passed over to catch up
-    wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)  # lateness of each step's beginning
-    compute: LatencyHistogram = field(default_factory=LatencyHistogram)  # from the states to the command
-    policy: LatencyHistogram = field(default_factory=LatencyHistogram)  # observation to joint targets
+    wake_up: array[float] = field(default_factory=_no_durations)  # lateness of each step's beginning [s]
+    compute: array[float] = field(default_factory=_no_durations)  # from the states to the command [s]
+    policy: array[float] = field(default_factory=_no_durations)  # observation to joint targets [s]
     refused: dict[str, int] = field(default_factory=dict)  # undecodable messages, counted by the reason
     duration: float = 0.0  # by the controller's clock [s]
     end: str = ""  # why the loop ended
@@ -108,7 +91,7 @@ class LoopReport:
             "priority": self.grant.priority if self.grant else None,
             "duration": round(self.duration, 3),
             **{name: getattr(self, name) for name in names},
-            "microseconds": {name: histogram.to_dict() for name, histogram in latencies.items()},
+            "microseconds": {name: _percentiles(each) for name, each in latencies.items()},
         }
 
 
@@ -166,7 +149,7 @@ class _Loop:
         while not self.report.end:
             time.sleep(max(due - time.monotonic_ns(), 0) * 1e-9)
             now = time.monotonic_ns()
-            self.report.wake_up.add((now - due) * 1e-9)
+            self.report.wake_up.append((now - due) * 1e-9)
             self._step(now, list(iter(self.bus.receive, None)))
             due += PERIOD_NS
             late = time.monotonic_ns() - due
@@ -198,10 +181,10 @@ class _Loop:
         tick, report = self.controller.step(now, states, self.bus.receive_fix()), self.report
         self.bus.send(tick.command)
         report.steps, report.duration = report.steps + 1, tick.time
-        report.compute.add(tick.compute_time)
+        report.compute.append(tick.compute_time)
         if tick.policy_step:
             report.policy_steps += 1
-            report.policy.add(self.controller.policy_time)
+            report.policy.append(self.controller.policy_time)
         if self.log is not None:
             self.log.write(tick)
         self._watch_end(tick)

@@ -28,8 +28,6 @@ BRAKE_RESERVE = 3.0
 _CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
 _CALM_TIME = 0.5  # s
 _CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
-_GATHERS = 3  # times at most that the feet are stepped under the robot
-_GATHERED = 0.15  # share of the standing height: feet nearer than this to their places may stay
 
 
 class Mode(str, Enum):
@@ -149,45 +147,18 @@ class Run(Behaviour):
 
 
 class LieDown(Behaviour):
-    """After a run step the feet below the robot; sink on the belly, then damp.
-
-    Where a run has left the feet, only the policy keeps the balance. ``here`` gives the pose from which a
-    motion starts without a jump.
-    """
+    """Sink over the feet, wherever they stand, onto the belly; then damp."""
 
     mode = Mode.LIE_DOWN
 
-    def __init__(
-        self,
-        robot: RobotDescription,
-        here: Callable[[RobotState], FloatArray],
-        state: RobotState,
-        time: float,
-        *,
-        after_run: bool,
-    ) -> None:
-        self._robot, self._here = robot, here
-        self._gathers_left = _GATHERS if after_run else 0
-        self.motion: Motion = self._next_motion(state, time)
-
-    def _next_motion(self, state: RobotState, time: float) -> Motion:
-        """Gather the feet as long as they stand apart, then sink over them."""
-        apart = motions.feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
-        self._gathering = apart and self._gathers_left > 0
-        if self._gathering:
-            self._gathers_left -= 1
-            return motions.gather_motion(self._robot, state, self._here(state), time)
-        return motions.sink_motion(self._robot, self._here(state), time)
+    def __init__(self, robot: RobotDescription, here: FloatArray, time: float) -> None:
+        self.motion: Motion = motions.sink_motion(robot, here, time)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
-        """From motion to motion; damp after the last one, then passive."""
+        """Damp after the motion, then passive."""
         over = time - self.motion.end_time
-        if self._gathering and over >= 0.0:
-            self.motion = self._next_motion(state, time)
-        elif not self._gathering:
-            self.damps = over >= 0.0
-            return Mode.PASSIVE if over >= _DAMP_TIME else None
-        return None
+        self.damps = over >= 0.0
+        return Mode.PASSIVE if over >= _DAMP_TIME else None
 
 
 class Stop(Behaviour):
