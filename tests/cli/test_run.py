@@ -95,7 +95,7 @@ def test_a_robot_that_says_nothing_is_given_up_with_a_table(call):
 
 
 def test_a_simulated_robot_tells_its_numbers():
-    found = sl.robot_sim("shm://alone-for-a-test", speed_factor=100.0, duration=0.05, real_time=False)
+    found = sl.robot_sim("shm://alone-for-a-test", duration=0.05, real_time=False)
     numbers = found.to_dict()
     assert numbers["simulated_time"] == pytest.approx(0.05, abs=2e-3)
     assert (numbers["commands_accepted"], numbers["fall_reason"], found.status) == (0, "", 0)

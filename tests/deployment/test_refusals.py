@@ -11,7 +11,7 @@ WRONG = [
     (VelocityLimiter, {"top_speed": -1.0}),
     (LinkOptions, {"loss": float("nan")}),
     (SimulatorOptions, {"watchdog_timeout": 0.0}),
-    (PaceOptions, {"speed_factor": 0.0}),
+    (PaceOptions, {"duration": 0.0}),
     (LoopOptions, {"priority": 100}),
 ]
 

@@ -43,8 +43,7 @@ def clamped(clamping, wanted, velocity):
     return target.numpy()
 
 
-@pytest.mark.parametrize("model", ["refined", "simplified-dc"])
-def test_the_stage_gives_the_law(stage, model):
+def test_the_stage_gives_the_law(stage):
     """Every motor of the library at random torques and speeds, over-speed in."""
     random, bus = np.random.default_rng(0), 40.0
     found = [load_library_motor(name) for name in library_motors()] * 60
@@ -55,13 +54,13 @@ def test_the_stage_gives_the_law(stage, model):
         efficiency=random.uniform(0.6, 1.0, len(found)),
     )
     motors = JointMotors(names=names, motor=motor, gear=gear, bus_voltage=bus)
-    arguments = [given for _, given in stage.pmsm_clampings(names, motors, model).values()]
+    arguments = [given for _, given in stage.pmsm_clampings(names, motors).values()]
     peak = motor.peak_torque * gear.ratio
     wanted = random.uniform(-2.0, 2.0, len(found)) * peak
     no_load = bus / (motor.pole_pairs * motor.flux_linkage * gear.ratio * 1.8)
     speed = random.uniform(-1.3, 1.3, len(found)) * no_load
     given = clamped(built(stage, arguments), wanted, speed)
-    expected = drive_torque(motor, gear, wanted, speed, bus, model).torque
+    expected = drive_torque(motor, gear, wanted, speed, bus).torque
     np.testing.assert_allclose(given / peak, expected / peak, atol=2e-4)
     assert 0.2 < np.mean(np.abs(expected - wanted) > 0.05 * peak) < 0.95
 
@@ -84,8 +83,6 @@ def test_motors_are_found_by_joint_name(stage):
     assert torque == pytest.approx(expected, rel=1e-4)
     with pytest.raises(InvalidValueError, match="tail"):
         stage.pmsm_clampings(["tail"], motors)
-    with pytest.raises(InvalidValueError, match="refined, simplified-dc"):
-        stage.pmsm_clampings(names, motors, "square")
     clamping, arguments = given[names[0]]
     for wrong in (arguments | {"size": 1.0}, {"gear_ratio": 6.0}):
         with pytest.raises(InvalidValueError, match="PmsmClamping"):

@@ -144,7 +144,7 @@ def _read_rollout(path: Path) -> Rollout:
     record = logs.read_log(path)
     robot = record.facts["robot"]
     return Rollout(
-        time=record.state_time,
+        time=record.states.time,
         joint_velocity=record.column("states", "joint_velocity"),
         joint_torque=record.column("states", "joint_torque"),
         joint_names=load_robot(robot).joint_names if robot in robot_names() else (),

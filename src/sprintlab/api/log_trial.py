@@ -75,7 +75,7 @@ def _span(record: RunRecord, running: NDArray[np.bool_], tick_time: FloatArray) 
     begin, end = tick_time[running][[0, -1]].tolist() if running.any() else (0.0, 0.0)
     if end - begin < _SHORTEST:
         raise LogError("the log holds less than half a second of running: there is nothing to draw")
-    if not (running & record.column("ticks", "policy_step")).any() or len(record.state_time) < 2:
+    if not (running & record.column("ticks", "policy_step")).any() or len(record.states.time) < 2:
         raise LogError("the log holds no policy step of the run, or a single state: there is nothing to draw")
     inside = (tick_time >= begin) & (tick_time <= end)
     if inside.sum() < _SPARSEST * (end - begin):
@@ -87,11 +87,11 @@ class _Course:
     """Position fixes in the frame of the run: x along the heading at its start."""
 
     def __init__(self, record: RunRecord, begin: float, end: float) -> None:
-        inside = (record.fix_time >= begin - 0.5) & (record.fix_time <= end)
+        inside = (record.fixes.time >= begin - 0.5) & (record.fixes.time <= end)
         if inside.sum() < 2:
             raise LogError("the log holds no position fixes of the run: speed and distance are not known")
-        self.time = record.fix_time[inside]
-        first = int(np.searchsorted(record.state_time, begin, side="right")) - 1
+        self.time = record.fixes.time[inside]
+        first = int(np.searchsorted(record.states.time, begin, side="right")) - 1
         self.heading = float(heading_angle(record.column("states", "quaternion")[max(first, 0)]))
         c, s = np.cos(self.heading), np.sin(self.heading)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -112,7 +112,7 @@ def _between(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatAr
 def _trajectory(
     record: RunRecord, robot: RobotDescription, course: _Course, time: FloatArray, begin: float
 ) -> Trajectory:
-    index = np.clip(np.searchsorted(record.state_time, time + begin, side="right") - 1, 1, None)
+    index = np.clip(np.searchsorted(record.states.time, time + begin, side="right") - 1, 1, None)
     states = {
         name: record.column("states", name)
         for name in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity")

@@ -21,7 +21,7 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, default_robot, ope
 from sprintlab.api.results import Progress, Result, command_line, quantities, records, remark, silent
 from sprintlab.control import encode_contract
 from sprintlab.core.arguments import checked
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment import controller as control
 from sprintlab.deployment import log as logs
@@ -199,11 +199,9 @@ def robot_sim(
     seed: int = 0,
     priority: int = 40,
     real_time: bool = True,
-    speed_factor: float = 1.0,
     lock_step: bool = False,
     duration: float | None = None,
     end_with_controller: bool = False,
-    distance: float = 100.0,
     drive: DriveOptions = DriveOptions(),
     progress: Progress = silent,
 ) -> Result:
@@ -225,11 +223,9 @@ def robot_sim(
         seed: decides noise, jitter and losses.
         priority: priority under the real-time scheduler, 1 to 99, where permitted; below the controller's.
         real_time: whether to ask for the real-time scheduler; never in lock-step.
-        speed_factor: simulated seconds per second; 1 is real time.
         lock_step: one step for each answer of the controller, whatever the clock says.
         duration: end after this much simulated time [s].
         end_with_controller: end when the controller has left.
-        distance: mark whose passing is timed [m].
     """
     link = simulators.LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
     options = simulators.SimulatorOptions(
@@ -242,12 +238,8 @@ def robot_sim(
         seed=seed,
     )
     pace = simulators.PaceOptions(
-        speed_factor=speed_factor,
-        lock_step=lock_step,
-        duration=duration,
-        end_with_controller=end_with_controller,
+        lock_step=lock_step, duration=duration, end_with_controller=end_with_controller
     )
-    check_positive("distance", distance, "m")
     check_range("priority", priority, 1, 99)
     # As in ``run``, interruptions are handled until all else is closed.
     with ExitStack() as interruptible, closing(buses.open_endpoint(bus)) as endpoint:
@@ -259,7 +251,6 @@ def robot_sim(
                 world,
                 endpoint,
                 pace,
-                mark=distance,
                 stopped=lambda: interrupted() > 0,
                 progress=lambda time, way: progress(f"{time:.1f} s, {way:.1f} m", None),
                 remark=remark,

@@ -7,7 +7,6 @@ the robot before the first step.
 from __future__ import annotations
 
 import re
-from dataclasses import fields
 from typing import Any, cast
 
 import msgspec
@@ -19,7 +18,7 @@ from sprintlab.control.standing import StandingContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.core.reading import parse_json
-from sprintlab.robots import RobotDescription, robot_fingerprint
+from sprintlab.robots import RobotDescription, robot_fingerprint, robot_motors
 
 CONTRACT_KEY = "sprintlab_contract"
 FORMAT_VERSION = 2
@@ -219,7 +218,6 @@ def make_contract(
     software: dict[str, str],
     proprioception_filter: LowPass,
     estimate_filter: LowPass | None = None,
-    action_limit: float = ACTION_LIMIT,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``; its rate is that of the proprioception's low-pass.
 
@@ -227,7 +225,7 @@ def make_contract(
     """
     return PolicyContract(
         **robot_section(robot),
-        action_limit=action_limit,
+        action_limit=ACTION_LIMIT,
         observation=observation_contract(layout.for_joints(len(robot.joint_names))),
         filters=FilterContract(
             proprioception_cutoff_hz=proprioception_filter.cutoff_hz,
@@ -295,11 +293,9 @@ def _vector(values: Any) -> Vector:
 
 
 def _motor_table(robot: RobotDescription) -> MotorTable:
-    motors, joints = robot.motors, len(robot.joint_names)
-    columns = {field.name: getattr(motors, field.name) for field in fields(motors)}
-    columns |= {"gear_ratio": robot.gear.ratio, "gear_efficiency": robot.gear.efficiency}
-    vectors = {name: _vector(np.broadcast_to(column, (joints,))) for name, column in columns.items()}
-    return MotorTable(**vectors, bus_voltage=float(robot.bus_voltage))
+    columns: dict[str, Any] = dict(robot_motors(robot).parameters(robot.joint_names))
+    voltage = {"bus_voltage": float(robot.bus_voltage)}
+    return MotorTable(**{name: _vector(column) for name, column in columns.items()} | voltage)
 
 
 def _compare_robot_field(field: str, value: Any, expected: Any, robot: RobotDescription) -> None:

@@ -14,17 +14,12 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-import numpy as np
 import warp as wp
 from newton.actuators import ClampingBase
 
-from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import TURNING_SPEED, PmsmParameters, phase_voltage_limit
 from sprintlab.robots import JointMotors
-
-MODELS = ("refined", "simplified-dc")
-"""Voltage limits that the stage has."""
 
 _VOLTAGE_PER_BUS = phase_voltage_limit(1.0)
 _PARAMETERS = (
@@ -112,15 +107,12 @@ class PmsmClamping(ClampingBase):
 
 
 def pmsm_clampings(
-    joint_names: Sequence[str], motors: JointMotors, model: str = "refined"
+    joint_names: Sequence[str], motors: JointMotors
 ) -> dict[str, tuple[type[PmsmClamping], dict[str, float]]]:
     """What ``ModelBuilder.add_actuator(..., clamping=[...])`` takes for each joint, by its name.
-    The names are in any order; ``model`` is one of ``MODELS``.
+    The names are in any order.
     """
-    check_choice("model", model, MODELS)
     values = motors.parameters(joint_names)
-    if model == "simplified-dc":
-        values["q_axis_inductance"] = np.zeros(len(joint_names))
     return {
         joint: (PmsmClamping, {name: float(values[name][at]) for name in _PARAMETERS})
         for at, joint in enumerate(joint_names)

@@ -39,9 +39,7 @@ from sprintlab.motors.saturation import desaturate
 from sprintlab.motors.thermal import HousedHeat, I2tLimit
 from sprintlab.workbench.datasheet_file import ENTRIES, Datasheet, Entry
 
-TOLERANCE = 0.05
-"""Difference between entries that say the same, taken for rounding [-]."""
-
+_TOLERANCE = 0.05  # relative, of entries that say the same: rounding
 _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
 _GEAR_TOLERANCE = 0.25  # relative, of gear and torque ratios: losses and saturation are in it
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
@@ -93,16 +91,15 @@ class DatasheetConversion:
     notes: tuple[str, ...]  # What the sheet leaves open, and where it disagrees with itself within bounds
 
 
-def convert_datasheet(sheet: Datasheet, tolerance: float = TOLERANCE) -> DatasheetConversion:
-    """The dq parameters of a data sheet, whose entries may differ by ``tolerance`` where they say the same.
+def convert_datasheet(sheet: Datasheet) -> DatasheetConversion:
+    """The dq parameters of a data sheet, whose entries may differ by 5 % where they say the same.
 
     Raises:
         SprintlabError: entries are ambiguous; all are named, with what each convention would mean.
         InvalidValueError: an entry is missing or contradicts another; both are named, with the conventions
             under which they would agree.
     """
-    check_range("tolerance", tolerance, 1e-6, 0.5)
-    return _Conversion(sheet, tolerance).run()
+    return _Conversion(sheet).run()
 
 
 def save_converted_motor(
@@ -149,8 +146,8 @@ def impedance_factor(convention: str, connection: str) -> float:
 class _Conversion:
     """The calculation; keeps its steps and notes while it goes."""
 
-    def __init__(self, sheet: Datasheet, tolerance: float) -> None:
-        self._sheet, self._entries, self._tolerance = sheet, sheet.entries, tolerance
+    def __init__(self, sheet: Datasheet) -> None:
+        self._sheet, self._entries = sheet, sheet.entries
         self._steps: list[ConversionStep] = []
         self._notes: list[str] = []
 
@@ -220,13 +217,10 @@ class _Conversion:
             for other in self._entries.values()
             if other.name in _FLUX_LAWS
             and not other.ambiguous
-            and self._agree(self._flux_of(other, other.convention), flux)
+            and _agree(self._flux_of(other, other.convention), flux)
         ]
         agrees = f", as {' and '.join(others)}" if others else ""
         return f" (psi = {flux * 1e3:.4g} mWb{agrees})"
-
-    def _agree(self, first: float, second: float) -> bool:
-        return _agree(first, second, self._tolerance)
 
     def _impedance(self, symbol: str, name: str, unit: str) -> float:
         entry = self._needed(name, "between two lines or of one phase")
@@ -256,7 +250,7 @@ class _Conversion:
         if chosen not in values:
             raise InvalidValueError("datasheet.flux_from", chosen, "choose one of " + ", ".join(values))
         for entry in found:
-            if not self._agree(values[entry.name], values[chosen]):
+            if not _agree(values[entry.name], values[chosen]):
                 self._contradiction(entry, values[entry.name], chosen, values[chosen])
         return self._step(f"psi, taken from {chosen}", "psi", f"{values[chosen]:.5g}", values[chosen], "Wb")
 
@@ -289,7 +283,7 @@ class _Conversion:
     def _agreeing(self, entry: Entry, reference: float) -> list[str]:
         """Other conventions of ``entry`` that give the reference flux."""
         readings = self._other_readings(entry)
-        return [f"{entry.name} is '{word}'" for word, flux in readings if self._agree(flux, reference)]
+        return [f"{entry.name} is '{word}'" for word, flux in readings if _agree(flux, reference)]
 
     def _factor(self, entry: Entry, convention: str) -> float:
         factor = current_factor if entry.name == "torque_constant" else voltage_factor
@@ -337,10 +331,10 @@ class _Conversion:
         stated = None if self._sheet.saturation is None else self._stated_saturation()
         implied, numbers = 1.0 - delivered / before, f"1 - {delivered:.5g} / {before:.5g}"
         self._step("saturation from peak_torque", "1 - tau / (1.5 N psi i_peak)", numbers, implied, "")
-        if implied < -self._tolerance or implied >= 0.5:
+        if implied < -_TOLERANCE or implied >= 0.5:
             self._peak_contradiction(delivered, before, implied)
         if stated is not None:
-            if abs(stated - max(implied, 0.0)) > self._tolerance:
+            if abs(stated - max(implied, 0.0)) > _TOLERANCE:
                 said = f"implies a saturation of {implied:.3f}, the stated {stated:g} is used"
                 self._notes.append(f"peak_torque {said}")
             return stated
@@ -457,7 +451,7 @@ class _Conversion:
             )
 
 
-def _agree(first: float, second: float, tolerance: float) -> bool:
+def _agree(first: float, second: float, tolerance: float = _TOLERANCE) -> bool:
     return abs(first - second) <= tolerance * max(abs(first), abs(second))
 
 

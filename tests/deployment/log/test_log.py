@@ -55,10 +55,10 @@ def test_everything_comes_back(path):
     record = read_log(path)
     assert record.facts == {"robot": "bp2", "policy": "sprint", "ticks dropped": "0"}
     assert record.contract == '{"format_version": 1}'
-    np.testing.assert_allclose(record.state_time, 0.001 * np.arange(1, 301), atol=1e-9)
+    np.testing.assert_allclose(record.states.time, 0.001 * np.arange(1, 301), atol=1e-9)
     np.testing.assert_array_equal(record.column("states", "joint_position")[:, 3], 0.1 * np.arange(1, 301))
     np.testing.assert_array_equal(record.column("commands", "mode"), [JointMode.SERVO] * 300)
-    np.testing.assert_allclose(record.fix_time, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(record.fixes.time, [0.1, 0.2, 0.3])
     assert record.column("fixes", "velocity").shape == (3, 3)
     assert record.column("ticks", "faults")[6] == ("state-lost",) and not record.column("ticks", "faults")[7]
     assert record.column("ticks", "policy_step").sum() == 15

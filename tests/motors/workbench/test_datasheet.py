@@ -73,8 +73,8 @@ def sheet_of(motor, voltage="dc", current="line rms", connection="star", between
     return {key: value for key, value in table.items() if value is not None}
 
 
-def convert(table, tolerance=0.05):
-    return convert_datasheet(read_datasheet(table), tolerance)
+def convert(table):
+    return convert_datasheet(read_datasheet(table))
 
 
 def same(found, motor):

@@ -42,16 +42,6 @@ class RunRecord:
     fixes: Messages  # the position fixes
     ticks: Messages  # mode, targets, faults and times of each control step, one per command
 
-    @property
-    def state_time(self) -> FloatArray:
-        """When each state was accepted ``(S,)``."""
-        return self.states.time
-
-    @property
-    def fix_time(self) -> FloatArray:
-        """When each position fix came ``(F,)``."""
-        return self.fixes.time
-
     def column(self, topic: str, field: str) -> NDArray[Any]:
         """One field ``(n,)`` or ``(n, k)`` of ``"states"``, ``"commands"``, ``"fixes"`` or ``"ticks"``."""
         return getattr(self, topic).columns[field]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+from msgspec.structs import fields
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.messages import FloatArray, JointCommand, PositionFix, RobotState
+from sprintlab.deployment.messages import ControlTick, JointCommand, PositionFix, RobotState
 
 CONTRACT_NAME = "contract.json"
 FACTS_NAME, END_NAME = "sprintlab", "sprintlab_end"
@@ -26,17 +27,11 @@ class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
     facts: dict[str, str] = {}  # anything else worth keeping: command line, date, policy file, bus
 
 
-class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The rest of a ``ControlTick``, beside the messages of the bus; its fields are described there."""
-
-    time: float
-    mode: str
-    velocity: FloatArray
-    targets: FloatArray
-    policy_step: bool
-    faults: tuple[str, ...]
-    compute_time: float
-
+TickRecord: Any = msgspec.defstruct(
+    "TickRecord",
+    [(item.name, item.type) for item in fields(ControlTick) if item.name not in ("state", "command", "fix")],
+)
+"""What a ``ControlTick`` has beside the messages of the bus."""
 
 TOPICS: dict[str, Any] = {
     "/robot/state": RobotState,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.messages import RobotState
 from sprintlab.deployment.simulator.world import SimulatedWorld
@@ -24,7 +24,6 @@ _POLL = 2e-5  # s between two looks at the bus in lock-step
 class PaceOptions:
     """How fast simulated time passes, and when it ends; ``InvalidValueError`` where a field is impossible."""
 
-    speed_factor: float = 1.0  # simulated seconds per second of the clock; 1 is real time
     # pass one step for each answer of the controller instead, however long that takes. The result then does
     # not depend on the machine's load
     lock_step: bool = False
@@ -32,7 +31,6 @@ class PaceOptions:
     end_with_controller: bool = False  # end when a controller that was there has left
 
     def __post_init__(self) -> None:
-        check_range("speed_factor", self.speed_factor, 0.01, 100.0)
         if self.duration is not None:
             check_positive("duration", self.duration, "s")
 
@@ -43,7 +41,6 @@ class SimulatorReport:
 
     simulated_time: float = 0.0  # [s]
     greatest_distance: float = 0.0  # greatest position along x [m]
-    finish_times: dict[float, float] = field(default_factory=dict)  # mark and when it was passed [m, s]
     top_speed: float = 0.0  # highest mean speed along x over half a second [m/s]
     fall_reason: str = ""  # empty if the robot did not fall
     commands_accepted: int = 0  # by the robot
@@ -55,8 +52,7 @@ class SimulatorReport:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        marks = {f"{mark:g}": moment for mark, moment in self.finish_times.items()}
-        return {**asdict(self), "finish_times": marks}
+        return asdict(self)
 
 
 def run_simulator(
@@ -64,12 +60,11 @@ def run_simulator(
     endpoint: RobotEnd,
     pace: PaceOptions,
     *,
-    mark: float = 100.0,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float], None] = lambda time, distance: None,
     remark: Callable[[str], None] = lambda text: None,
 ) -> SimulatorReport:
-    """Be a robot on the bus until told to stop, and time the passing of ``mark`` [m].
+    """Be a robot on the bus until told to stop.
 
     ``stopped`` is asked at every step, ``progress`` told time [s] and distance [m] ten times a simulated
     second, ``remark`` each reason for which commands are dropped.
@@ -79,7 +74,7 @@ def run_simulator(
     steps = 0
     while not run.over() and (run.answered() if pace.lock_step else run.on_time()):
         world.step()
-        run.look(mark)
+        run.look()
         steps += 1
         if steps % 100 == 0:
             progress(world.time, run.report.greatest_distance)
@@ -113,7 +108,7 @@ class _Run:
 
     def on_time(self) -> bool:
         """Wait for the next step's moment, then exchange messages."""
-        step = self._period / self._pace.speed_factor
+        step = self._period
         self._next = step + (time.monotonic() if self._next is None else self._next)
         left = self._next - time.monotonic()
         self.report.late_steps += left < -step
@@ -146,12 +141,10 @@ class _Run:
                 asked = waited
                 self._publish(states)
 
-    def look(self, mark: float) -> None:
+    def look(self) -> None:
         """Note where the robot is after a step."""
         report, position = self.report, float(self._world.robot.plant.data.qpos[0])
         report.greatest_distance = max(report.greatest_distance, position)
-        if position >= mark:
-            report.finish_times.setdefault(mark, self._world.time)
         self._positions.append(position)
         if len(self._positions) == self._positions.maxlen:
             report.top_speed = max(report.top_speed, (position - self._positions[0]) / 0.5)

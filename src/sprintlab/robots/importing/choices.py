@@ -99,18 +99,11 @@ def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
     """The choices that a table holds, as ``read_choices`` gives it.
     Of each joint type, a table of the fields of ``JointChoice``; messages name their ``origin``.
     """
-    joints = given.get("joints", {})
-    lacking = [name for name in ("name", "bus_voltage") if name not in given]
-    for joint in JOINTS_PER_LEG:
-        needed = ("motor", "gear_ratio")
-        lacking += [f"joint.{joint}.{name}" for name in needed if name not in joints.get(joint, {})]
-    if lacking:
-        raise RobotModelError(f"{origin} lacks {', '.join(lacking)}")
     try:
-        tables = {joint: JointChoice(**table) for joint, table in joints.items()}
+        tables = {joint: JointChoice(**table) for joint, table in given.get("joints", {}).items()}
         return RobotChoices(**{**given, "joints": tables})
     except TypeError as error:
-        raise InvalidValueError("choices", origin, f"its values must be numbers: {error}") from error
+        raise InvalidValueError("choices", origin, f"a field is missing or unknown: {error}") from error
 
 
 def _check_names(path: Path, table: Any, known: set[str], prefix: str = "") -> None:
