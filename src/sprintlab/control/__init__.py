@@ -4,9 +4,7 @@ from sprintlab.control.action import joint_targets as joint_targets
 from sprintlab.control.action import pd_torque as pd_torque
 from sprintlab.control.contract import CONTRACT_KEY as CONTRACT_KEY
 from sprintlab.control.contract import ESTIMATE_TERMS as ESTIMATE_TERMS
-from sprintlab.control.contract import MOTOR_RATE_HZ as MOTOR_RATE_HZ
 from sprintlab.control.contract import POLICY_RATE_HZ as POLICY_RATE_HZ
-from sprintlab.control.contract import EstimateTerm as EstimateTerm
 from sprintlab.control.contract import PolicyContract as PolicyContract
 from sprintlab.control.contract import TrainingRecord as TrainingRecord
 from sprintlab.control.contract import check_contract as check_contract
@@ -30,8 +28,6 @@ from sprintlab.control.observation import push_history as push_history
 from sprintlab.control.observation import split_proprioception as split_proprioception
 from sprintlab.control.observation import update_history as update_history
 from sprintlab.control.policy import ESTIMATE_SIZE as ESTIMATE_SIZE
-from sprintlab.control.policy import POLICY_LIMIT as POLICY_LIMIT
-from sprintlab.control.policy import Decision as Decision
 from sprintlab.control.policy import Measurement as Measurement
 from sprintlab.control.policy import Policy as Policy
 from sprintlab.control.policy import PolicyRuntime as PolicyRuntime

@@ -8,7 +8,6 @@ that is a negative Python number, raises ``InvalidValueError``.
 """
 
 from sprintlab.motors.actuator_library import LibraryMotor as LibraryMotor
-from sprintlab.motors.actuator_library import LibraryValue as LibraryValue
 from sprintlab.motors.actuator_library import library_motors as library_motors
 from sprintlab.motors.actuator_library import load_library_motor as load_library_motor
 from sprintlab.motors.arrays import Array as Array
@@ -30,10 +29,7 @@ from sprintlab.motors.files import SupplyFile as SupplyFile
 from sprintlab.motors.files import load_motor as load_motor
 from sprintlab.motors.files import load_supply as load_supply
 from sprintlab.motors.files import save_motor as save_motor
-from sprintlab.motors.files import save_supply as save_supply
-from sprintlab.motors.flux_weakening import DqCurrents as DqCurrents
 from sprintlab.motors.flux_weakening import dq_currents as dq_currents
-from sprintlab.motors.flux_weakening import weakening_current as weakening_current
 from sprintlab.motors.gear import TURNING_SPEED as TURNING_SPEED
 from sprintlab.motors.gear import Gear as Gear
 from sprintlab.motors.gear import joint_torque as joint_torque

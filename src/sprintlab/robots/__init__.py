@@ -6,7 +6,6 @@ from sprintlab.robots.air import DRAG_AREA_BAND as DRAG_AREA_BAND
 from sprintlab.robots.air import air_drag as air_drag
 from sprintlab.robots.description import KneeSpring as KneeSpring
 from sprintlab.robots.description import Link as Link
-from sprintlab.robots.description import Mechanics as Mechanics
 from sprintlab.robots.description import RobotDescription as RobotDescription
 from sprintlab.robots.description import SoftStop as SoftStop
 from sprintlab.robots.description import joint_kind as joint_kind
@@ -30,7 +29,6 @@ from sprintlab.robots.model import ModelOptions as ModelOptions
 from sprintlab.robots.model import build_model as build_model
 from sprintlab.robots.model import leg_signs as leg_signs
 from sprintlab.robots.model import robot_spec as robot_spec
-from sprintlab.robots.model import shank_with_foot as shank_with_foot
 from sprintlab.robots.stops import soft_stop_torque as soft_stop_torque
 from sprintlab.robots.table import ParameterRow as ParameterRow
 from sprintlab.robots.table import drive_quantity as drive_quantity

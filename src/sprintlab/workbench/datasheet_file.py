@@ -16,26 +16,14 @@ from typing import Any, NamedTuple, cast
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.reading import read_toml
+from sprintlab.workbench import units
+from sprintlab.workbench.units import unit_factor
 
 BETWEEN = ("lines", "phase")
 VOLTAGES = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
 CURRENTS = ("line amplitude", "line rms", "phase amplitude", "phase rms", "dc")
 SIDES = ("motor", "output")
 CONNECTIONS = ("star", "delta")
-
-_RPM = 2.0 * math.pi / 60.0
-_OHM = {"ohm": 1.0, "mohm": 1e-3}
-_HENRY = {"H": 1.0, "mH": 1e-3, "uH": 1e-6}
-_AMPERE = {"A": 1.0, "mA": 1e-3}
-_OUNCE_INCH = 7.0615518e-3  # [N m]
-_TORQUE = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "oz in": _OUNCE_INCH, "lb ft": 192.0 * _OUNCE_INCH}
-_INERTIA = {
-    "kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7, "g m^2": 1e-3, "kg mm^2": 1e-6, "g mm^2": 1e-9,
-    "oz in s^2": _OUNCE_INCH,
-}  # fmt: skip
-_SECOND = {"s": 1.0, "ms": 1e-3, "min": 60.0}
-_THERMAL = {"K/W": 1.0, "degC/W": 1.0, "C/W": 1.0}
-_SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
 class EntryKind(NamedTuple):
@@ -47,32 +35,26 @@ class EntryKind(NamedTuple):
     sided: bool = False  # may be measured at the gear's output (``at``)
 
 
-_BACK_EMF = {
-    "V s/rad": 1.0, "V/(rad/s)": 1.0, "V/krpm": 1e-3 / _RPM, "V/rpm": 1.0 / _RPM, "mV/rpm": 1e-3 / _RPM,
-}  # fmt: skip
-_PER_AMPERE = {"N m/A": 1.0, "mN m/A": 1e-3, "oz in/A": _OUNCE_INCH}
 ENTRIES: dict[str, EntryKind] = {
-    "resistance": EntryKind(_OHM, "between", BETWEEN),
-    "inductance": EntryKind(_HENRY, "between", BETWEEN),
-    "q_axis_inductance": EntryKind(_HENRY),
-    "flux_linkage": EntryKind({"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}),
-    "back_emf_constant": EntryKind(_BACK_EMF, "voltage", VOLTAGES, sided=True),
-    "kv": EntryKind(
-        {"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, "voltage", (*VOLTAGES, "dc"), sided=True
-    ),
-    "torque_constant": EntryKind(_PER_AMPERE, "current", CURRENTS, sided=True),
-    "rated_current": EntryKind(_AMPERE, "current", CURRENTS),
-    "peak_current": EntryKind(_AMPERE, "current", CURRENTS),
-    "rated_torque": EntryKind(_TORQUE, sided=True),
-    "peak_torque": EntryKind(_TORQUE, sided=True),
-    "peak_duration": EntryKind(_SECOND),
-    "winding_time_constant": EntryKind(_SECOND),
-    "housing_time_constant": EntryKind(_SECOND),
-    "winding_thermal_resistance": EntryKind(_THERMAL),
-    "housing_thermal_resistance": EntryKind(_THERMAL),
-    "no_load_speed": EntryKind(_SPEED, sided=True),
-    "no_load_voltage": EntryKind({"V": 1.0}),
-    "rotor_inertia": EntryKind(_INERTIA),
+    "resistance": EntryKind(units.OHM, "between", BETWEEN),
+    "inductance": EntryKind(units.HENRY, "between", BETWEEN),
+    "q_axis_inductance": EntryKind(units.HENRY),
+    "flux_linkage": EntryKind(units.WEBER),
+    "back_emf_constant": EntryKind(units.BACK_EMF, "voltage", VOLTAGES, sided=True),
+    "kv": EntryKind(units.KV, "voltage", (*VOLTAGES, "dc"), sided=True),
+    "torque_constant": EntryKind(units.PER_AMPERE, "current", CURRENTS, sided=True),
+    "rated_current": EntryKind(units.AMPERE, "current", CURRENTS),
+    "peak_current": EntryKind(units.AMPERE, "current", CURRENTS),
+    "rated_torque": EntryKind(units.TORQUE, sided=True),
+    "peak_torque": EntryKind(units.TORQUE, sided=True),
+    "peak_duration": EntryKind(units.SECOND),
+    "winding_time_constant": EntryKind(units.SECOND),
+    "housing_time_constant": EntryKind(units.SECOND),
+    "winding_thermal_resistance": EntryKind(units.KELVIN_PER_WATT),
+    "housing_thermal_resistance": EntryKind(units.KELVIN_PER_WATT),
+    "no_load_speed": EntryKind(units.SPEED, sided=True),
+    "no_load_voltage": EntryKind(units.VOLT),
+    "rotor_inertia": EntryKind(units.INERTIA),
 }
 """Entries with a unit, by name."""
 
@@ -143,9 +125,8 @@ def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
 
 def parse_quantity(name: str, text: object) -> float:
     """A number with its unit in SI, e.g. ``"95 mohm"``; blanks, dots, capitals, Ω, µ, ² do not matter."""
-    units = {_plain_unit(unit): factor for unit, factor in ENTRIES[name].units.items()}
     match = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_TEXT else None
-    value = float(match[1]) * units.get(_plain_unit(match[2]), math.nan) if match else math.nan
+    value = float(match[1]) * unit_factor(ENTRIES[name].units, match[2]) if match else math.nan
     if not math.isfinite(value):
         point = "; decimals stand behind a point" if isinstance(text, str) and "," in text else ""
         allowed = f"write a number and its unit: {', '.join(ENTRIES[name].units)}{point}"
@@ -180,13 +161,6 @@ def _template_line(name: str, kind: EntryKind) -> str:
     return f"{name} = {value}  # {remark}"
 
 
-def _plain_unit(unit: str) -> str:
-    """One spelling for the many of a unit: small letters, no blanks, dots and dashes, ``u`` for micro."""
-    unit = unit.replace("²", "^2").replace("Ω", "ohm").replace("Ω", "ohm")
-    unit = re.sub("[µμ]", "u", unit)
-    return re.sub(r"[\s·*⋅.-]", "", unit).casefold().replace("ω", "ohm").replace("m2", "m^2")
-
-
 def _entry(name: str, written: Any) -> Entry:
     """One entry from a text, or from a table with ``value``, its convention and its side of the gear."""
     kind = ENTRIES[name]
@@ -199,7 +173,7 @@ def _entry(name: str, written: Any) -> Entry:
         if key != "value" and value not in words[key]:
             raise InvalidValueError(f"{name}.{key}", value, "choose one of: " + ", ".join(words[key]))
     value = parse_quantity(name, table.get("value"))
-    if value < 0 or (value == 0 and kind.units is not _HENRY):
+    if value < 0 or (value == 0 and kind.units is not units.HENRY):
         raise InvalidValueError(name, table["value"], "must be greater than 0")
     convention = str(table.get(kind.key, ""))
     ambiguous = () if convention else kind.words

@@ -279,7 +279,7 @@ def test_files_that_are_no_bench(tmp_path, text, words):
     [
         "speed [rad/s];iq [A];torque [N m]\r\n1.5;-2.25;3e-1\r\n",
         "speed [rad/s]\tiq [A]\ttorque [N m]\n1,5\t-2,25\t0,3\n",
-        "\ufeff# remark\nBench 7\nSPEED (RAD/S),I_q (mA),Torque (N·cm)\n1.5,-2250,30\n",
+        "\ufeff# remark\nSPEED (RAD/S),I_q (mA),Torque (N·cm)\n1.5,-2250,30\n",
     ],
     ids=["semicolons", "decimal commas and tabs", "parentheses and capitals"],
 )

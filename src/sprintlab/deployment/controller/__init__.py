@@ -4,5 +4,3 @@ from sprintlab.deployment.controller.controller import Controller as Controller
 from sprintlab.deployment.controller.loop import LoopOptions as LoopOptions
 from sprintlab.deployment.controller.loop import LoopReport as LoopReport
 from sprintlab.deployment.controller.loop import run_loop as run_loop
-from sprintlab.deployment.controller.modes import ACTIVE_MODES as ACTIVE_MODES
-from sprintlab.deployment.controller.modes import Mode as Mode

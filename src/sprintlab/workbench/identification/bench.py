@@ -17,19 +17,18 @@ from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_text, table_number
+from sprintlab.workbench.units import AMPERE, SPEED, VOLT, unit_factor
 
-_AMPERE = {"A": 1.0, "mA": 1e-3}
-_VOLT = {"V": 1.0, "mV": 1e-3}
 COLUMNS: dict[str, Mapping[str, float]] = {
-    "speed": {"rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0},
-    "iq": _AMPERE,
-    "id": _AMPERE,
+    "speed": SPEED,
+    "iq": AMPERE,
+    "id": AMPERE,
     "phase_current": {"A amplitude": 1.0, "A rms": math.sqrt(2.0)},
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
-    "vq": _VOLT,
-    "vd": _VOLT,
+    "vq": VOLT,
+    "vd": VOLT,
     "power": {"W": 1.0, "kW": 1e3},
-    "bus_voltage": _VOLT,
+    "bus_voltage": VOLT,
     "temperature": {"degC": 1.0},
     "limited": {"": 1.0},
     "time": {"s": 1.0, "ms": 1e-3},
@@ -42,7 +41,6 @@ _MEANINGS = {
     "torque": "torque on the shaft",
 }
 _ALIASES = {"omega": "speed", "vbus": "bus_voltage", "i_q": "iq", "i_d": "id", "v_q": "vq", "v_d": "vd"}
-_UNIT_ALIASES = {"1/min": "rpm", "u/min": "rpm", "r/min": "rpm", "c": "degc"}
 _RANGES = {
     # lowest and highest value in SI; a clock may count from 1970
     "speed": (-1e5, 1e5),
@@ -53,7 +51,6 @@ _RANGES = {
 }
 _OTHER_RANGE = (-1e6, 1e6)
 _BENCH_LIMIT = 32 << 20  # bytes
-_MOST_TITLES = 10  # lines above a header
 
 Cells = tuple[int, list[str]]
 """Number of a line, and its cells."""
@@ -88,12 +85,11 @@ class Bench:
 def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: Sequence[str] = ()) -> Bench:
     """Read a bench file: comma, semicolon or tab between the cells; lines that begin with # are remarks.
 
-    Where no comma parts the cells, numbers may have decimal commas. Lines above the header in which no column
-    is known are skipped. ``columns`` are ``name=heading`` or ``name=heading:unit`` for columns that the file
-    calls otherwise.
+    Where no comma parts the cells, numbers may have decimal commas. ``columns`` are ``name=heading`` or
+    ``name=heading:unit`` for columns that the file calls otherwise.
     """
     mapping = dict(_mapped(entry) for entry in columns)
-    (number, header), *rows = _from_header(_read_cells(Path(path)), mapping)
+    (number, header), *rows = _read_cells(Path(path))
     places = _places(path, header, mapping)
     if not rows:
         raise SprintlabError(f"{path} has a header in line {number} and no data")
@@ -123,17 +119,13 @@ def _read_cells(path: Path) -> list[Cells]:
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
         raise SprintlabError(f"{path} is empty")
-    titles = [line for _, line in kept[:_MOST_TITLES]]
-    separator = next((mark for mark in ";\t" if sum(mark in line for line in titles) * 2 > len(titles)), ",")
+    separator = next((mark for mark in ";\t" if mark in kept[0][1]), ",")
     try:
         cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
     except csv.Error as error:
         raise SprintlabError(f"{path} is not a bench file: {error}") from error
     if separator == ",":
         return cells
-    body = "".join(line for _, line in kept[1:])
-    if "," in body and "." in body:
-        raise SprintlabError(f"{path} has decimal commas and decimal points: write all numbers with points")
     return cells[:1] + [(number, [cell.replace(",", ".") for cell in row]) for number, row in cells[1:]]
 
 
@@ -145,14 +137,6 @@ def _mapped(entry: str) -> tuple[str, tuple[str, str]]:
     if not equals or not heading.strip():
         raise InvalidValueError("column", entry, "write name=heading or name=heading:unit, e.g. iq=current:A")
     return heading.strip().casefold(), (name.strip(), unit.strip())
-
-
-def _from_header(lines: list[Cells], mapping: Mapping[str, tuple[str, str]]) -> list[Cells]:
-    """The lines from the header on: the first in which a column is known; all of them if none is."""
-    for index, (_, cells) in enumerate(lines[:_MOST_TITLES]):
-        if any(cell.strip().casefold() in mapping or _parted(cell)[0] in COLUMNS for cell in cells):
-            return lines[index:]
-    return lines
 
 
 def _parted(cell: str) -> tuple[str, str]:
@@ -184,13 +168,11 @@ def _places(
 
 
 def _unit_factor(path: object, name: str, cell: str, unit: str) -> float:
-    plain = {known.replace(" ", "").casefold(): factor for known, factor in COLUMNS[name].items()}
-    written = re.sub(r"[\s·*.]", "", unit).replace("°", "deg").casefold()
-    written = _UNIT_ALIASES.get(written, written)
-    if written not in plain:
+    factor = unit_factor(COLUMNS[name], unit)
+    if math.isnan(factor):
         allowed = " or ".join(f"'{name} [{known}]'" for known in COLUMNS[name])
         raise InvalidValueError(f"{path}: column", cell, f"write the unit in the header: {allowed}")
-    return plain[written]
+    return factor
 
 
 def _missing(path: object, name: str, header: Sequence[str]) -> InvalidValueError:
