@@ -87,8 +87,7 @@ def build_model(
     ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
     of floor and foot per leg, named like the foot, with the pad's contact; torque actuators in policy order;
     keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``, whose geom is named so.
-    With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk. ``amend``
-    may change the model before it is compiled, e.g. put terrain in the floor's place.
+    ``amend`` may change the model before it is compiled, e.g. put terrain in the floor's place.
     """
     options = options or ModelOptions()
     try:

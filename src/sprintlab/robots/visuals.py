@@ -1,4 +1,4 @@
-"""What cameras see: a lean running machine over a track. Nothing here has mass or touches anything.
+"""What pages and clips show: a lean running machine. Nothing here has mass or touches anything.
 
 The shapes are decoration scaled to the robot's lengths; no physical number comes from this file.
 """
@@ -13,21 +13,12 @@ from numpy.typing import NDArray
 
 from sprintlab.robots.description import FloatArray, RobotDescription
 
+Color = tuple[float, float, float, float]
 _RING_POINTS = 32
 _ROUNDNESS = 2.0 / 2.4  # 1 makes ovals, less makes boxes
-_GRAPHITE, _CARBON, _METAL = "graphite", "carbon", "metal"
-_ACCENT, _GLOW, _RUBBER = "accent", "glow", "rubber"
-_MATERIALS = {
-    # name: (rgba, specular, shininess, emission)
-    _GRAPHITE: ((0.20, 0.21, 0.24, 1.0), 0.7, 0.6, 0.0),
-    _CARBON: ((0.07, 0.07, 0.08, 1.0), 0.9, 0.8, 0.0),
-    _METAL: ((0.62, 0.64, 0.67, 1.0), 0.9, 0.7, 0.0),
-    _ACCENT: ((0.95, 0.36, 0.06, 1.0), 0.6, 0.5, 0.1),
-    _GLOW: ((0.35, 0.90, 1.00, 1.0), 0.3, 0.3, 0.9),
-    _RUBBER: ((0.03, 0.03, 0.03, 1.0), 0.1, 0.1, 0.0),
-}
+_GRAPHITE, _CARBON, _METAL = (0.20, 0.21, 0.24, 1.0), (0.07, 0.07, 0.08, 1.0), (0.62, 0.64, 0.67, 1.0)
+_ACCENT, _GLOW, _RUBBER = (0.95, 0.36, 0.06, 1.0), (0.35, 0.90, 1.00, 1.0), (0.03, 0.03, 0.03, 1.0)
 _DESIGN_THIGH = 0.31  # thigh length of the robot for which the thicknesses were drawn [m]; others scale
-_TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
 
 
 Sections = Sequence[tuple[float, float, float, float, float]]
@@ -65,79 +56,29 @@ def _loft_triangles(rings: int, points: int) -> NDArray[np.int_]:
 
 
 def add_scenery(spec: mujoco.MjSpec) -> None:
-    """Sky, sunlight, and a 100 m running track on the geom ``floor``."""
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
-    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 8192, 2.0
-    spec.visual.headlight.ambient = (0.35, 0.35, 0.38)
-    spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
-    spec.visual.headlight.specular = (0.1, 0.1, 0.1)
-    spec.visual.rgba.haze = (0.75, 0.83, 0.92, 1.0)
-    spec.stat.center, spec.stat.extent = (0.0, 0.0, 0.4), 1.5
-    _add_texture(spec, "sky", mujoco.mjtTexture.mjTEXTURE_SKYBOX, (0.32, 0.52, 0.78), (0.90, 0.94, 0.98))
-    _add_texture(spec, "track", mujoco.mjtTexture.mjTEXTURE_2D, (0.60, 0.27, 0.20), (0.56, 0.245, 0.18))
-    track = spec.add_material(name="track", texrepeat=(1.0, 1.0), texuniform=True, specular=0.1)
+    """Sky, light, and a chequered floor that shows how fast a robot runs."""
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = (0.5, 0.5, 0.5)
+    sky, plane = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtTexture.mjTEXTURE_2D
+    gradient, checker = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, mujoco.mjtBuiltin.mjBUILTIN_CHECKER
+    for name, kind, builtin, first, second in (
+        ("sky", sky, gradient, (0.32, 0.52, 0.78), (0.90, 0.94, 0.98)),
+        ("track", plane, checker, (0.60, 0.27, 0.20), (0.50, 0.22, 0.16)),
+    ):
+        spec.add_texture(
+            name=name, type=kind, builtin=builtin, rgb1=first, rgb2=second, width=512, height=512
+        )
+    track = spec.add_material(name="track", texrepeat=(1.0, 1.0), texuniform=True)
     track.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "track"
     spec.geom("floor").material = "track"
-    _add_track_lines(spec)
-
-
-def _add_texture(
-    spec: mujoco.MjSpec, name: str, kind: int, first: Sequence[float], second: Sequence[float]
-) -> None:
-    sky = kind == mujoco.mjtTexture.mjTEXTURE_SKYBOX
-    builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT if sky else mujoco.mjtBuiltin.mjBUILTIN_CHECKER
-    spec.add_texture(name=name, type=kind, builtin=builtin, rgb1=first, rgb2=second, width=512, height=512)
-
-
-def _add_track_lines(spec: mujoco.MjSpec) -> None:
-    """Lane lines along x and a line across every ten metres; start and finish are broad."""
-    half_width, half_length = 1.5 * _LANE_WIDTH, 0.5 * _TRACK_LENGTH + 10.0
-    for lane in range(4):
-        y = lane * _LANE_WIDTH - half_width
-        _add_line(spec, (0.5 * _TRACK_LENGTH, y), (half_length, 0.5 * _LINE_WIDTH))
-    for metre in range(0, int(_TRACK_LENGTH) + 1, 10):
-        broad = 2.0 if metre in (0, int(_TRACK_LENGTH)) else 0.6
-        _add_line(spec, (float(metre), 0.0), (broad * 0.5 * _LINE_WIDTH, half_width))
-
-
-def _add_line(spec: mujoco.MjSpec, center: tuple[float, float], half_size: tuple[float, float]) -> None:
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=(*center, 0.0),
-        size=(*half_size, 0.001),
-        rgba=(0.93, 0.93, 0.90, 1.0),
-        contype=0,
-        conaffinity=0,
-        group=2,
-    )
 
 
 def add_robot_visuals(spec: mujoco.MjSpec, robot: RobotDescription, group: int) -> None:
     """Dress the bodies of a robot's spec: every geom is massless, touches nothing, and is in ``group``."""
-    for name, (rgba, specular, shininess, emission) in _MATERIALS.items():
-        spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission)
     dresser = _Dresser(spec, group, robot.mechanics.thigh_length / _DESIGN_THIGH)
     _dress_trunk(dresser, robot)
     for leg in robot.leg_names:
         _dress_hip_and_thigh(dresser, robot, leg)
         _dress_shank(dresser, robot, leg)
-    _add_tracking_views(spec.body("trunk"))
-
-
-def _add_tracking_views(trunk: mujoco.MjsBody) -> None:
-    """Sunlight and cameras that travel with the trunk, so that shadows are sharp all along the track."""
-    track = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
-    sun = trunk.add_light(
-        name="sun", pos=(-1.0, -1.5, 4.0), dir=(0.25, 0.37, -1.0), mode=track, castshadow=True
-    )
-    sun.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    sun.diffuse, sun.specular = (0.7, 0.68, 0.64), (0.4, 0.4, 0.4)
-    for name, place, axes in (
-        ("side", (0.0, -2.2, 0.25), (1, 0, 0, 0, 0.12, 1)),
-        ("chase", (-2.0, -1.5, 0.75), (0.6, -0.8, 0, 0.22, 0.17, 0.96)),
-        ("front", (1.7, -1.4, 0.35), (0.64, 0.77, 0, -0.15, 0.12, 0.98)),
-    ):
-        trunk.add_camera(name=name, pos=place, xyaxes=axes, mode=track, fovy=40)
 
 
 class _Dresser:
@@ -147,42 +88,40 @@ class _Dresser:
         self._spec, self._group, self.size = spec, group, size
         self._meshes: set[str] = set()
 
-    def mesh(self, body: str, name: str, material: str, sections: Sections, down: bool = False) -> None:
+    def mesh(self, body: str, name: str, color: Color, sections: Sections, down: bool = False) -> None:
         """Hang a loft on a body: along +x, or ``down`` along -z."""
         if name not in self._meshes:
             vertices, faces = loft(sections, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0) if down else (0.0, 0.0, 1.0))
             mesh = self._spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             self._meshes.add(name)
-        self._add(body, material, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+        self._add(body, color, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
 
     def cylinder(
-        self, body: str, material: str, radius: float, start: Sequence[float], end: Sequence[float]
+        self, body: str, color: Color, radius: float, start: Sequence[float], end: Sequence[float]
     ) -> None:
         """Hang a cylinder between two points on a body; its radius is scaled."""
         size = (radius * self.size, 0, 0)
-        geom = self._add(body, material, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size)
+        geom = self._add(body, color, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size)
         geom.fromto = (*start, *end)
 
-    def across(self, body: str, material: str, radius: float, near: float, far: float) -> None:
+    def across(self, body: str, color: Color, radius: float, near: float, far: float) -> None:
         """Hang a cylinder on a body's y axis, from ``near`` to ``far`` [m]."""
-        self.cylinder(body, material, radius, (0.0, near, 0.0), (0.0, far, 0.0))
+        self.cylinder(body, color, radius, (0.0, near, 0.0), (0.0, far, 0.0))
 
-    def ellipsoid(
-        self, body: str, material: str, center: Sequence[float], half_size: Sequence[float]
-    ) -> None:
+    def ellipsoid(self, body: str, color: Color, center: Sequence[float], half_size: Sequence[float]) -> None:
         """Hang an ellipsoid on a body."""
-        self._add(body, material, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=center, size=half_size)
+        self._add(body, color, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=center, size=half_size)
 
-    def _add(self, body: str, material: str, **fields: object) -> mujoco.MjsGeom:
+    def _add(self, body: str, color: Color, **fields: object) -> mujoco.MjsGeom:
         return self._spec.body(body).add_geom(
-            material=material, group=self._group, contype=0, conaffinity=0, mass=0.0, **fields
+            rgba=color, group=self._group, contype=0, conaffinity=0, mass=0.0, **fields
         )
 
 
 Rows = tuple[tuple[float, float, float, float], ...]
-_TRUNK: dict[str, tuple[str, Rows]] = {
-    # mesh: material, sections along +x: x over the hips' x, z of the centre, half width y, half height z
+_TRUNK: dict[str, tuple[Color, Rows]] = {
+    # mesh: colour, sections along +x: x over the hips' x, z of the centre, half width y, half height z
     "hull": (_GRAPHITE, (
         (-1.22, 0.030, 0.012, 0.012), (-1.18, 0.027, 0.045, 0.034), (-0.95, 0.020, 0.062, 0.056),
         (-0.50, 0.022, 0.066, 0.056), (-0.10, 0.010, 0.074, 0.068), (0.40, -0.004, 0.080, 0.084),
@@ -226,17 +165,17 @@ def _link_sections(rows: Rows, length: float, size: float) -> Sections:
 def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
     """Deep chest, narrow waist, small head, short tail, and the abduction motors with a ring."""
     hip_x, hip_y, size = robot.mechanics.hip_x, robot.mechanics.hip_y, dresser.size
-    for name, (material, rows) in _TRUNK.items():
+    for name, (color, rows) in _TRUNK.items():
         sections = [(x * hip_x, 0.0, size * z, size * width, size * height) for x, z, width, height in rows]
-        dresser.mesh("trunk", name, material, sections)
+        dresser.mesh("trunk", name, color, sections)
     dresser.ellipsoid(
         "trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083 * size), (0.036 * size, 0.031 * size, 0.009 * size)
     )
     for front, side in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
         x, y = front * hip_x, side * hip_y
-        for material, radius, near, far in ((_METAL, 0.050, 0.085, 0.050), (_ACCENT, 0.051, 0.062, 0.057)):
+        for color, radius, near, far in ((_METAL, 0.050, 0.085, 0.050), (_ACCENT, 0.051, 0.062, 0.057)):
             start, end = (x - front * size * near, y, 0.0), (x - front * size * far, y, 0.0)
-            dresser.cylinder("trunk", material, radius, start, end)
+            dresser.cylinder("trunk", color, radius, start, end)
 
 
 def _dress_hip_and_thigh(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
@@ -259,8 +198,8 @@ def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
     """Knee hub, a bowed carbon shin, and a foot with three claws that grip forward and down."""
     length, radius, size, body = robot.mechanics.shank_length, robot.foot_radius, dresser.size, f"{leg}_shank"
     hub = body if robot.mechanics.knee_carrier is None else f"{leg}_knee"
-    for material, hub_radius, half in ((_METAL, 0.029, 0.020), (_ACCENT, 0.018, 0.023)):
-        dresser.across(hub, material, hub_radius, -half * size, half * size)
+    for color, hub_radius, half in ((_METAL, 0.029, 0.020), (_ACCENT, 0.018, 0.023)):
+        dresser.across(hub, color, hub_radius, -half * size, half * size)
     dresser.mesh(body, "shin", _CARBON, _link_sections(_SHIN, length, size), down=True)
     dresser.ellipsoid(body, _RUBBER, (0.0, 0.0, -length), (1.0 * radius, 0.75 * radius, 0.98 * radius))
     for name, y in (("claw_left", 0.45 * radius), ("claw_middle", 0.0), ("claw_right", -0.45 * radius)):
