@@ -11,4 +11,4 @@ def dressed():
 def test_every_link_is_dressed_and_touches_nothing(dressed):
     visual = dressed.geom_group == 2
     assert not dressed.geom_contype[visual].any() and not dressed.geom_conaffinity[visual].any()
-    assert set(dressed.geom_bodyid[visual].tolist()) == set(range(dressed.nbody))
+    assert set(dressed.geom_bodyid[visual].tolist()) == set(range(1, dressed.nbody))
