@@ -34,8 +34,8 @@ def test_a_clip_is_rendered_beside_the_training_and_lies_in_tensorboard(tmp_path
     clips.begin(np.zeros((10, 7)), 1200)  # one at a time
     clip = clips.finished(WAIT)
     assert clip == tmp_path / "clips" / "000600.gif" and clips.finished() is None
-    board = Board(tmp_path / "tensorboard", 0)
-    board.add_clip(clip)
+    board = Board(tmp_path, "bp2", 0)
+    board._add_clip(clip)
     board.close()
     events = event_accumulator.EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()

@@ -24,14 +24,14 @@ def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
 ) -> None:
     monkeypatch.setattr("sprintlab.training.runs.progress.BOARD_SECONDS", 0.0)
     row = {"iteration": 1.0, "seconds": 0.1, "environment_steps": 16.0, "speed": 1.0, "loss/value": 2.0}
-    killed = Board(tmp_path, 0)
+    killed = Board(tmp_path, "bp2", 0)
     for iteration in range(1, 6):
         killed.add({**row, "iteration": float(iteration)})
     killed.close()
-    resumed = Board(tmp_path, 3)
+    resumed = Board(tmp_path, "bp2", 3)
     resumed.add({**row, "iteration": 4.0, "speed": 9.0})
     resumed.close()
-    events = event_accumulator.EventAccumulator(str(tmp_path))
+    events = event_accumulator.EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()
     assert set(events.Tags()["scalars"]) == {"run/speed", "loss/value"}
     assert [(point.step, point.value) for point in events.Scalars("run/speed")] == [
@@ -40,7 +40,7 @@ def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
 
 
 def test_curves_that_the_disk_refuses_stop_training_with_one_sentence(tmp_path: Path, monkeypatch) -> None:
-    board = Board(tmp_path, 0)
+    board = Board(tmp_path, "bp2", 0)
 
     def full(*_arguments) -> None:
         raise OSError(28, "No space left on device")

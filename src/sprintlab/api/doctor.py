@@ -9,8 +9,9 @@ import subprocess
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
-from sprintlab.api.results import Progress, Result, records, silent, styled
+from sprintlab.api.results import Progress, Result, silent, styled, table
 from sprintlab.core.arguments import checked
 from sprintlab.core.extras import keep_compiled_code_private, package_version
 from sprintlab.core.interpreters import new_interpreter
@@ -51,6 +52,16 @@ Outcome = tuple[str, str, str]
 """State, what was found, and advice. Missing: not here, and not needed by everybody; broken: unusable."""
 
 
+class Finding(NamedTuple):
+    """One thing that was tried."""
+
+    name: str
+    needed_for: str
+    state: str  # ok, missing, broken or not tried
+    found: str
+    advice: str
+
+
 @checked
 def doctor(*, training: bool = False, progress: Progress = silent) -> Result:
     """Try out what sprintlab needs: packages, GPU, compiler, OpenGL, disk.
@@ -62,43 +73,37 @@ def doctor(*, training: bool = False, progress: Progress = silent) -> Result:
         training: also try CUDA, compilation and rendering, and count as a fault what training on a GPU lacks.
     """
     findings = list(_findings(training, progress))
-    needed = [item for item in findings if training and item["needed_for"].startswith("training")]
-    broken = any(item["state"] == "broken" for item in findings)
-    ok = not broken and all(item["state"] != "missing" for item in needed)
-    rows = [
-        {
-            "what": item["name"],
-            "state": styled(f"[{_COLOURS[item['state']]}]{item['state']}[/]"),
-            "found": item["found"],
-            "for": item["needed_for"],
-        }
+    faults = [
+        item
         for item in findings
+        if item.state == "broken"
+        or (training and item.state == "missing" and item.needed_for.startswith("training"))
     ]
+    ok = not faults
+    rows = (
+        (item.name, styled(f"[{_COLOURS[item.state]}]{item.state}[/]"), item.found, item.needed_for)
+        for item in findings
+    )
     advised: dict[str, list[str]] = {}
     for item in findings:
-        if item["advice"]:
-            advised.setdefault(item["advice"], []).append(item["name"])
+        if item.advice:
+            advised.setdefault(item.advice, []).append(item.name)
     advice = [f"{', '.join(names)}: {text}" for text, names in advised.items()]
     return Result(
-        numbers={"ok": ok, "findings": findings},
-        shown=[records("sprintlab doctor", rows), *advice],
+        numbers={"ok": ok, "findings": [item._asdict() for item in findings]},
+        shown=[table("sprintlab doctor", "what", "state", "found", "for", rows=rows), *advice],
         status=0 if ok else 1,
     )
 
 
-def _finding(name: str, needed_for: str, outcome: Outcome) -> dict[str, str]:
-    return {
-        "name": name,
-        "needed_for": needed_for,
-        **dict(zip(("state", "found", "advice"), outcome, strict=True)),
-    }
-
-
-def _findings(training: bool, progress: Progress) -> Iterator[dict[str, str]]:
+def _findings(training: bool, progress: Progress) -> Iterator[Finding]:
     """Every finding, in the order in which one depends on another."""
-    yield _finding("Python", "everything", ("ok", platform.python_version(), ""))
-    yield _finding("platform", "everything", ("ok", platform.platform(), ""))
-    yield from package_findings()
+    yield Finding("Python", "everything", "ok", platform.python_version(), "")
+    yield Finding("platform", "everything", "ok", platform.platform(), "")
+    yield Finding("sprintlab", "everything", "ok", package_version("sprintlab"), "")
+    for extra, names in PACKAGES.items():
+        use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
+        yield from (Finding(name, use, *package_outcome(name, extra)) for name in names.split())
     for name, needed_for, attempt, slow in (
         ("GPU driver", "training on a GPU", _driver, False),
         ("CUDA", "training on a GPU", _cuda, True),
@@ -110,15 +115,7 @@ def _findings(training: bool, progress: Progress) -> Iterator[dict[str, str]]:
         tried = (
             attempt() if training or not slow else ("not tried", "", "sprintlab doctor --training tries it")
         )
-        yield _finding(name, needed_for, tried)
-
-
-def package_findings() -> Iterator[dict[str, str]]:
-    """The packages that sprintlab or one of its extras stands on."""
-    yield _finding("sprintlab", "everything", ("ok", package_version("sprintlab"), ""))
-    for extra, names in PACKAGES.items():
-        use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
-        yield from (_finding(name, use, package_outcome(name, extra)) for name in names.split())
+        yield Finding(name, needed_for, *tried)
 
 
 def package_outcome(name: str, extra: str) -> Outcome:

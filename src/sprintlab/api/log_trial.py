@@ -31,6 +31,7 @@ RATE = 500.0
 _SHORTEST = 0.5  # run that is drawn [s]
 _SPARSEST = 100.0  # control steps a second of a log that is drawn; a controller makes a thousand
 
+FALLS = {"fall", "tumble", "collapse"}
 _FULL_SHARE = 0.95  # share of the highest command: from there on it counts as held
 
 
@@ -59,7 +60,7 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
     command_time = tick_time[steps] - begin
     faults = Counter(fault for noted in record.column("ticks", "faults") for fault in noted)
     return TrackRun(
-        trial=_trial(trajectory, robot, _hold(command_time, command), not _fell(faults)),
+        trial=_trial(trajectory, robot, _hold(command_time, command), not faults.keys() & FALLS),
         fix_time=course.time - begin,
         fix_speed=course.velocity[:, 0],
         fix_distance=course.position[:, 0],
@@ -202,7 +203,3 @@ def _hold(time: FloatArray, command: FloatArray) -> tuple[float, float]:
     """From the first to the last command near the highest one [s]."""
     full = np.flatnonzero(command[:, 0] >= _FULL_SHARE * max(command[:, 0].max(), 1e-9))
     return (float(time[full[0]]), float(time[full[-1]])) if len(full) else (0.0, float(time[-1]))
-
-
-def _fell(faults: dict[str, int]) -> bool:
-    return any(name in faults for name in ("fall", "tumble", "collapse"))

@@ -12,7 +12,9 @@ from typing import Any
 from rich.console import Console
 from rich.live import Live
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import UnwrittenError
+from sprintlab.training.runs.clip import Clips
 from sprintlab.training.runs.screen import clock, plain_exam, plain_line, screen
 
 PRINT_SECONDS = 10.0
@@ -20,26 +22,37 @@ LIVE_SECONDS = 0.25
 """Least time between two updates of the table on a terminal; drawing it takes a millisecond or two."""
 BOARD_SECONDS = 1.0
 """Least time between two points in TensorBoard: the log has every iteration, and curves need no more."""
+CLIP_SECONDS = 10.0
+"""How long a training waits for its last clip [s]."""
 EXAM = "exam/held"
 """A number that only rows of iterations with an exam have."""
 _CONTEXT = ("iteration", "seconds", "environment_steps")
 
 
 class Board:
-    """Curves for TensorBoard in a folder; at most one point a second.
+    """Curves, at most one point a second, and clips of exams for TensorBoard in the folder of a run.
 
     Args:
         iteration: Iteration that was reached: later points of a session that was killed are hidden.
     """
 
-    def __init__(self, folder: Path, iteration: int) -> None:
+    def __init__(self, folder: Path, robot: str, iteration: int) -> None:
         from torch.utils.tensorboard import SummaryWriter  # takes a second
 
-        self._writer = SummaryWriter(str(folder), purge_step=iteration + 1 if iteration else None)
-        self._last = float("-inf")
+        place = str(folder / "tensorboard")
+        self._writer = SummaryWriter(place, purge_step=iteration + 1 if iteration else None)
+        self._last, self._clips = float("-inf"), Clips(folder, robot)
 
-    def add(self, row: dict[str, float]) -> None:
-        """A point on every curve, unless the last is less than a second old and there was no exam."""
+    def add(self, row: dict[str, float], path: FloatArray | None = None) -> None:
+        """A point on every curve, unless the last is less than a second old and there was no exam.
+
+        Args:
+            row: The iteration, as the log has it.
+            path: Generalized positions of a robot in the latest exam ``(steps, nq)``, which become a clip.
+        """
+        self._add_clip(self._clips.finished())
+        if path is not None and EXAM in row:
+            self._clips.begin(path, int(row["iteration"]))
         now = time.monotonic()
         if now - self._last < BOARD_SECONDS and EXAM not in row:
             return
@@ -53,17 +66,24 @@ class Board:
             reason = error.strerror or error
             raise UnwrittenError(f"cannot write TensorBoard's curves: {reason}") from error
 
-    def add_clip(self, clip: Path) -> None:
+    def _add_clip(self, clip: Path | None) -> None:
         """A moving picture, of the iteration that its file is named after."""
+        if clip is None:
+            return
         from tensorboard.compat.proto.summary_pb2 import Summary
 
         image = Summary.Image(colorspace=3, encoded_image_string=clip.read_bytes())
         summary = Summary(value=[Summary.Value(tag="exam/clip", image=image)])
         self._writer._get_file_writer().add_summary(summary, int(clip.stem))
 
-    def close(self) -> None:
-        """Write out what is buffered; a disk that refuses curves hides no other message."""
+    def close(self, wait: float = 0.0) -> None:
+        """Write out what is buffered, after a wait [s] for the clip that is being rendered.
+
+        A disk that refuses curves hides no other message.
+        """
         with suppress(OSError):
+            self._add_clip(self._clips.finished(wait))
+            self._clips.close()
             self._writer.close()
 
 
@@ -98,13 +118,6 @@ def preparing(quiet: bool) -> Generator[None]:
     console.print(f"prepared in {time.monotonic() - began:.1f} s")
 
 
-@contextmanager
-def working(text: str) -> Generator[None]:
-    """Say on a terminal what a run still does after its last iteration."""
-    with Console(stderr=True).status(text):
-        yield
-
-
 class Reporter:
     """Progress on stderr: a table on a terminal, else a line every ten seconds.
 
@@ -129,24 +142,19 @@ class Reporter:
             self._display.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self._display.stop()
         if self._board is not None:
-            self._board.close()
+            self._board.close(CLIP_SECONDS if error is None else 0.0)
 
     def say(self, text: str) -> None:
         """A remark on a line of its own."""
         self._console.print(text, soft_wrap=True, markup=False)
 
-    def film(self, clip: Path | None) -> None:
-        """A clip has been rendered, or None."""
-        if clip is not None and self._board is not None:
-            self._board.add_clip(clip)
-
-    def show(self, row: dict[str, float], share: float) -> None:
-        """One iteration has been done, and so much of the run."""
+    def show(self, row: dict[str, float], share: float, path: FloatArray | None = None) -> None:
+        """One iteration has been done, and so much of the run; ``path`` as for ``Board.add``."""
         if self._board is not None:
-            self._board.add(row)
+            self._board.add(row, path)
         self._warn(row)
         if EXAM in row:
             self._exam = {name: row[name] for name in row if name.startswith("exam/")}

@@ -8,6 +8,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import torch
+from rich.console import Console
 
 from sprintlab.core.errors import SprintlabError, UnwrittenError, printable
 from sprintlab.core.extras import require_package
@@ -16,17 +17,14 @@ from sprintlab.core.garbage import suspended_garbage_collection
 from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
-from sprintlab.training.runs.clip import Clips
 from sprintlab.training.runs.guard import stop_requests
 from sprintlab.training.runs.options import TrainOptions, check_places
-from sprintlab.training.runs.progress import EXAM, Board, Reporter, follow_on_wandb, preparing, working
+from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing
 from sprintlab.training.runs.runner import Runner, command_line, device_description
 from sprintlab.training.settings_text import settings_toml
 
 POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
 _LONGEST_COMMAND = 2000
-_CLIP_SECONDS = 10.0
-"""How long a training waits for its last clip [s]."""
 
 
 def pick_device(wanted: str) -> str:
@@ -69,7 +67,7 @@ def train(options: TrainOptions) -> Path:
 
 
 def open_run(options: TrainOptions, workers: Workers) -> Runner:
-    """The run, new or as its checkpoint has it, ready to iterate; errors as ``train`` has them."""
+    """The run, new or as its checkpoint has it, ready to iterate."""
     checkpoint = options.checkpoint
     saved = read_checkpoint(checkpoint) if options.resume and checkpoint.exists() else None
     settings = saved["settings"] if saved else options.full_settings()
@@ -109,7 +107,7 @@ def _export(checkpoint: Path) -> None:
     from sprintlab.training.runs.export import export_checkpoint
 
     try:
-        with working("exporting the policy"):
+        with Console(stderr=True).status("exporting the policy"):
             export_checkpoint(checkpoint, checkpoint.with_name(POLICY_NAME))
     except SprintlabError as error:
         raise SprintlabError(f"{checkpoint} is trained and kept, but not exported: {error}") from error
@@ -118,7 +116,7 @@ def _export(checkpoint: Path) -> None:
 def _session(runner: Runner, options: TrainOptions) -> None:
     """One session: iterations, checkpoints, and an orderly end on a signal."""
     progress, leads = runner.progress, runner.workers.leads
-    board, clips = None, None
+    board = None
     if leads:
         _record(options, runner)
         if progress.iteration:  # rows after the checkpoint will be done once more
@@ -126,15 +124,11 @@ def _session(runner: Runner, options: TrainOptions) -> None:
     if leads and options.tensorboard:
         if options.wandb is not None:
             follow_on_wandb(options.wandb, options.output, runner.settings.as_dict())
-        board = Board(options.output / "tensorboard", progress.iteration)
-        clips = Clips(options.output, runner.settings.robot)
+        board = Board(options.output, runner.settings.robot, progress.iteration)
     rolled_back = float(runner.learner.rolled_back)
     reporter = Reporter(_title(runner), runner.share, board, rolled_back, quiet=not leads)
     with stop_requests() as stop, reporter:
-        _loop(runner, options, stop, reporter, clips)
-        if clips is not None:
-            reporter.film(clips.finished(wait=_CLIP_SECONDS))
-            clips.close()
+        _loop(runner, options, stop, reporter)
         if stop:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
         else:
@@ -148,14 +142,16 @@ def _title(runner: Runner) -> str:
     return f"{settings.robot}, method {settings.method}, {robots} robots, {device}"
 
 
-def _loop(
-    runner: Runner, options: TrainOptions, stop: list[int], reporter: Reporter, clips: Clips | None
-) -> None:
+def _loop(runner: Runner, options: TrainOptions, stop: list[int], reporter: Reporter) -> None:
     """Iterate; every process stops and saves at the same iteration as the others."""
+
+    def show(row: dict[str, float]) -> None:
+        reporter.show(row, runner.share, None if runner.last_exam is None else runner.last_exam.path)
+
     saved, ended = time.monotonic(), runner.share >= 1.0
     while not ended:
         before = runner.progress.seconds
-        _show(runner.iterate(), runner, reporter, clips)
+        show(runner.iterate())
         if runner.workers.leads:
             keep_milestone(runner, options, before)
         over = runner.share >= 1.0
@@ -163,23 +159,13 @@ def _loop(
         over, stopped, due = runner.workers.any_of([over, bool(stop), due])
         ended = over or stopped
         if over and (row := runner.examine_at_end()):
-            _show(row, runner, reporter, clips)
+            show(row)
         if (ended or due) and runner.workers.leads:
             runner.save(options.checkpoint)
             runner.save_log(options.output / "log.jsonl")
         if ended or due:
             saved = time.monotonic()
     runner.workers.any_of([False])  # the leader has written before the others go on
-
-
-def _show(row: dict[str, float], runner: Runner, reporter: Reporter, clips: Clips | None) -> None:
-    """One iteration on the screen and the board, and a clip of its exam."""
-    reporter.show(row, runner.share)
-    if clips is None:
-        return
-    reporter.film(clips.finished())
-    if EXAM in row and runner.last_exam is not None:
-        clips.begin(runner.last_exam.path, int(row["iteration"]))
 
 
 def keep_milestone(runner: Runner, options: TrainOptions, before: float) -> None:

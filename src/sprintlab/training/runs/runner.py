@@ -31,17 +31,10 @@ from sprintlab.training.runs.stopwatch import Stopwatch
 from sprintlab.training.scaling import speed_scale
 from sprintlab.training.settings import TrainingSettings
 
-_PACKAGES = ("torch", "mujoco", "numpy")
-
 
 def device_description(device: str) -> str:
     """The accelerator in words."""
     return torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
-
-
-def package_versions() -> dict[str, str]:
-    """Versions of what a policy depends on."""
-    return {package: metadata.version(package) for package in _PACKAGES}
 
 
 EQUAL_SPEED = 0.05
@@ -249,6 +242,7 @@ class Runner:
         self.progress.iteration += 1
         self.progress.environment_steps += steps
         self.progress.seconds += seconds
+        chances = [] if self.chances is None else self.chances.values
         row = {
             "iteration": self.progress.iteration,
             "seconds": round(self.progress.seconds, 3),
@@ -261,15 +255,11 @@ class Runner:
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
             **statistics,
-            **({} if self.chances is None else self._chances_row()),
+            **{f"chance/{name}": value for name, value in zip(WATCHED, chances, strict=False)},
             "broken": round(statistics["broken"] * steps),  # a count: one in a million steps should be seen
         }
         self.progress.log.append(row)
         return row
-
-    def _chances_row(self) -> dict[str, float]:
-        assert self.chances is not None
-        return {f"chance/{name}": value for name, value in zip(WATCHED, self.chances.values, strict=True)}
 
     # --- checkpoints -------------------------------------------------------------------------------------
 
@@ -296,7 +286,7 @@ class Runner:
             "robot_fingerprint": robot_fingerprint(self.environment.robot),
             "command_line": self.command_line,
             "device": device_description(self.device),
-            "versions": package_versions(),
+            "versions": {package: metadata.version(package) for package in ("torch", "mujoco", "numpy")},
             "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
             "progress": self.progress,
         }
