@@ -43,8 +43,6 @@ def answer(words):
 
 print(json.dumps([answer(words) for words in json.load(sys.stdin)]))
 """
-MOTORS = "--abad-motor motor.toml --hip-motor motor.toml --knee-motor motor.toml"
-GEARS = "--abad-gear 6 --hip-gear 6 --knee-gear 9"
 REFUSED = (
     ("train bp2 --method gallop", "method"),
     ("train --output file/run", "cannot write"),
@@ -71,10 +69,9 @@ REFUSED = (
     ("motor from-datasheet", "--template"),
     ("motor identify none.csv --output loop/motor.toml", "cannot write"),
     ("robot show spot", "bp2"),
-    (f"robot new none.xml {MOTORS} {GEARS} --bus-voltage 24", "cannot read robot model none.xml"),
-    (f"robot new go1.xml {MOTORS} {GEARS}", "not given: --bus-voltage; a file of --choices"),
-    (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage 24 --name ../x", "name = '../x'"),
-    (f"robot new go1.xml {MOTORS} {GEARS} --bus-voltage 24 --hip-motor ak80", "ROBOT:JOINT such as bp2:hip"),
+    ("robot new none.xml --choices choices.toml", "cannot read robot model none.xml"),
+    ("robot new go1.xml --choices choices.toml --name ../x", "name = '../x'"),
+    ("robot new go1.xml --choices few.toml", "must be abad, hip, knee"),
     ("robot new go1.xml --choices none.toml", "cannot read choices none.toml"),
     ("replay no-run", "no-run does not exist"),
     ("report none.mcap --output lost", "lost exists already"),
@@ -98,10 +95,11 @@ def refusals(tmp_path_factory, write_policy) -> dict[str, list[Any]]:
         "junk.pt": "no checkpoint",
         "file": "",
         "broken.mcap": "no log",
+        "few.toml": "bus_voltage = 24.0\n",
         "half.toml": 'name = "half"\n[body.total_mass]\nvalue = 3\n',
     }.items():
         (folder / name).write_text(text, encoding="utf-8")
-    for name in ("go1.xml", "motor.toml"):
+    for name in ("go1.xml", "motor.toml", "choices.toml"):
         shutil.copy(GO1 / name, folder)
     for name, target in {"lost": "nowhere", "loop": "loop", "loop.png": "loop.png"}.items():
         (folder / name).symlink_to(target)

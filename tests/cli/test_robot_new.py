@@ -1,4 +1,4 @@
-"""``sprintlab robot new``: the commands of the tutorial, questions at a terminal, and Python."""
+"""``sprintlab robot new``: the commands of the tutorial."""
 
 import json
 from pathlib import Path
@@ -6,10 +6,6 @@ from pathlib import Path
 import pytest
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
-OPTIONS = (
-    "--abad-motor", GO1 / "motor.toml", "--hip-motor", GO1 / "motor.toml", "--knee-motor", GO1 / "motor.toml",
-    "--abad-gear", 6, "--hip-gear", 6, "--knee-gear", 9, "--bus-voltage", 24,
-)  # fmt: skip
 
 
 @pytest.fixture
