@@ -1,6 +1,5 @@
 """A command that is asked to terminate tidies up first; one that drives a robot counts what it is asked."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -97,24 +96,3 @@ def test_a_run_whose_first_ctrl_c_was_lost_does_not_begin():
     assert not driven
     with counted_interruptions() as count:  # the next one begins anew
         assert count() == 0
-
-
-@pytest.mark.parametrize(("number", "ends"), [("SIGINT", KeyboardInterrupt), ("SIGTERM", SystemExit)])
-def test_many_signals_in_succession_do_not_end_the_tidying(number, ends):
-    tidied = []
-    with pytest.raises(ends), tidy_termination():
-        try:
-            os.kill(os.getpid(), getattr(signal, number))
-        finally:
-            for _ in range(20):
-                os.kill(os.getpid(), getattr(signal, number))
-            tidied.append(True)
-    assert tidied
-
-
-def test_an_interrupted_function_that_raises_something_else_was_interrupted():
-    """As a compiled one of MuJoCo's does."""
-    with pytest.raises(KeyboardInterrupt), tidy_termination():
-        with contextlib.suppress(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
-        raise TypeError("incompatible function arguments")

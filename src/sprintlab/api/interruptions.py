@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-from sprintlab.core.errors import SprintlabError
 from sprintlab.core.signals import HANGUP, handled_by, terminations
 
 _REPEATED = 1.0  # s
@@ -18,27 +17,18 @@ _asked: list[int] = []  # signals that asked a command to end, also those whose 
 def tidy_termination() -> Generator[None]:
     """Ctrl-C, a termination signal or a hangup ends the block as an exit does: temporary files are removed.
 
-    A hangup (a closed terminal) does not where it is ignored (``nohup``). When signals come in quick
-    succession, as from a key that is held, one a second counts: the others would end the tidying.
+    A hangup (a closed terminal) does not where it is ignored (``nohup``).
     """
-    last = -_REPEATED
 
     def leave(number: int, _: object) -> None:
-        nonlocal last
         _asked.append(number)
-        if (now := time.monotonic()) - last >= _REPEATED:
-            last = now
-            raise _ending()
+        raise _ending()
 
     ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     kinds = [signal.SIGINT] if ctrl_c else []
     try:
         with handled_by(leave, kinds + terminations()):
             yield
-    except Exception as error:  # a compiled function that is interrupted may raise something else
-        if not _asked or isinstance(error, SprintlabError):
-            raise
-        raise _ending() from error
     finally:
         _asked.clear()
 
