@@ -75,7 +75,7 @@ def report(
         page = render_run_report(run, simulated, pictures, [*record.facts.items(), *faults])
         with files.atomic_directory(folder) as temporary:
             for picture in pictures:
-                files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
+                files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.png)
             files.atomic_write_json(temporary / "result.json", numbers)
             files.atomic_write_text(temporary / "report.html", page)
     where = f"\nreport: {folder / 'report.html'}"
