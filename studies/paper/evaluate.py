@@ -19,7 +19,6 @@ from sprintlab.control import load_policy
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import package_version
-from sprintlab.core.reading import check_folder
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol
@@ -132,7 +131,6 @@ def find_policies(runs: Path) -> list[tuple[Path, str]]:
     Raises:
         SprintlabError: the folder does not exist or holds none.
     """
-    check_folder(runs)
     found = [
         (path, preset) for preset in PRESETS for path in sorted(runs.glob(f"{preset}/*/seed-*/policy.onnx"))
     ]

@@ -19,6 +19,7 @@ from sprintlab.core.errors import InvalidValueError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+_hints = functools.cache(get_type_hints)
 
 _WORDS: dict[Any, str] = {
     int: "a whole number", float: "a finite number", str: "text", bool: "True or False",
@@ -43,7 +44,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 def check_fields(settings: Any) -> None:
     """Compare the fields of a dataclass with their type hints."""
-    hints = get_type_hints(settings.__class__)
+    hints = _hints(settings.__class__)
     for field in fields(settings):
         check_kind(field.name, getattr(settings, field.name), hints[field.name])
 
@@ -57,18 +58,6 @@ def check_kind(name: str, value: object, hint: Any) -> None:
         kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
         words = (_WORDS.get(kind) or str(kind if get_args(kind) else kind.__name__) for kind in kinds)
         raise InvalidValueError(name, value, f"must be {' or '.join(words)}")
-
-
-@functools.cache
-def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """Type hints by name, without those that only type checkers can look up."""
-    space, found = getattr(function, "__globals__", {}), dict[str, Any]()
-    for name, hint in function.__annotations__.items():
-        try:
-            found |= get_type_hints(types.SimpleNamespace(__annotations__={name: hint}), space)
-        except NameError:
-            continue
-    return found
 
 
 def _fits(value: Any, hint: Any) -> bool:

@@ -129,18 +129,11 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
+def default_folder(prefix: str = "race") -> Path:
     """``runs/race-<date>-<time>``; a number is added where that is taken."""
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    return next(path for path in numbered(parent / f"{prefix}-{stamp}") if not path.exists())
-
-
-def numbered(path: Path, suffix: str = "") -> Generator[Path]:
-    """``path``, then names beside it, with 2 to 999 before its ``suffix``."""
-    yield path
-    stem = path.name.removesuffix(suffix)
-    for count in range(2, 1000):
-        yield path.with_name(f"{stem}-{count}{suffix}")
+    stem = f"{prefix}-{datetime.now():%Y%m%d-%H%M%S}"
+    names = (stem, *(f"{stem}-{count}" for count in range(2, 1000)))
+    return next(path for name in names if not (path := Path("runs") / name).exists())
 
 
 @contextmanager

@@ -28,12 +28,6 @@ JSON_LIMIT = 8 << 20
 ErrorType = Callable[[str], SprintlabError]
 
 
-def check_folder(path: str | os.PathLike[str]) -> None:
-    """Refuse a folder to read from that does not exist. Raises ``SprintlabError``."""
-    if not os.path.isdir(path):
-        raise SprintlabError(f"there is no folder {path}")
-
-
 @contextmanager
 def open_regular(
     path: str | os.PathLike[str], limit: int, *, what: str = "file", error: ErrorType = SprintlabError
