@@ -1,4 +1,4 @@
-"""Arrays of an npz archive, read by NumPy without unpickling.
+"""Arrays of files: npz archives, read by NumPy without unpickling, and tables of numbers (CSV).
 
 ``wanted`` completes the sentence that refuses another file: ``PATH is ...``.
 """
@@ -12,10 +12,12 @@ import numpy as np
 
 from sprintlab.core.array_types import Array, FloatArray
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import open_regular
+from sprintlab.core.reading import open_regular, read_text
 
 ARCHIVE_LIMIT = 512 << 20
 """Largest archive that is read [bytes]."""
+TABLE_LIMIT = 256 << 20
+"""Largest CSV that is read [bytes]."""
 
 
 def read_arrays(
@@ -46,3 +48,19 @@ def read_samples(path: str | os.PathLike[str], names: Collection[str], wanted: s
         if not np.isfinite(values).all():
             raise SprintlabError(f"{path} is {wanted}: {name} holds what is not a finite number")
     return arrays
+
+
+def read_columns(path: str | os.PathLike[str], what: str) -> dict[str, FloatArray]:
+    """Columns of a CSV of numbers by their names in its first line."""
+    header, *lines = read_text(path, TABLE_LIMIT, what=what).splitlines() or [""]
+    names = [name.strip() for name in header.split(",")]
+    if len(lines) < 2:
+        raise SprintlabError(f"{path} holds no header and two samples")
+    try:
+        table = np.loadtxt(lines, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise SprintlabError(f"{path} is not a table of numbers under one line of names: {error}") from error
+    if table.shape[1] != len(names) or len(set(names)) < len(names):
+        told = f"{len(names)} names, {len(set(names))} of them different"
+        raise SprintlabError(f"{path}: {told}, over {table.shape[1]} columns")
+    return dict(zip(names, table.T, strict=True))

@@ -134,14 +134,6 @@ def finite_number(text: str) -> float:
     raise ValueError(f"{printable(text, 40)!r} is not a finite number")
 
 
-def table_number(cell: str, column: str, line: int) -> float:
-    """The finite number in a cell of a table; the ``ValueError`` names its line and column."""
-    try:
-        return finite_number(cell)
-    except ValueError as error:
-        raise ValueError(f"line {line}, column {printable(column, 40)}: {error}") from None
-
-
 @contextmanager
 def refused_as_damaged(path: object, how: str = "is damaged") -> Generator[None]:
     """Re-raise what impossible numbers in a file lead to as ``SprintlabError``: ``path how: reason``."""

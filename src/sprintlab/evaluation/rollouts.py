@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import read_arrays, read_columns
 from sprintlab.core.array_types import Array, FloatArray
 from sprintlab.core.checks import check_finite
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import read_bytes
 from sprintlab.robots.joint_motors import check_unique
 
-LARGEST_CSV = 256 << 20
-"""Largest rollout in CSV that is read [bytes]."""
 _TABLES = ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity")
 _NAMES = ("joint_names", "foot_names")
 
@@ -108,7 +105,7 @@ def load_rollout(path: str | Path) -> Rollout:
 
 def _csv_tables(path: Path) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
     """Tables by name, and the names of joints and feet."""
-    columns = _csv_columns(path)
+    columns = read_columns(path, "rollout")
 
     def names_in(table: str) -> tuple[str, ...]:
         heads = (head for head in columns if head.startswith(f"{table}_"))
@@ -137,19 +134,3 @@ def _csv_tables(path: Path) -> tuple[dict[str, Array], dict[str, tuple[str, ...]
         arrays["foot_velocity"] = arrays["foot_velocity"].reshape(-1, len(feet), 2)
     named = all(not name.isdigit() for name in joints)
     return arrays, {"joint_names": joints if named else (), "foot_names": feet}
-
-
-def _csv_columns(path: Path) -> dict[str, FloatArray]:
-    """Columns of a table of numbers by their names in its first line."""
-    lines = read_bytes(path, LARGEST_CSV, what="rollout").decode("utf-8-sig", "replace").splitlines()
-    if len(lines) < 3:
-        raise SprintlabError(f"{path} holds no header and two samples")
-    header = [name.strip() for name in lines[0].split(",")]
-    try:
-        table = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
-    except ValueError as error:
-        raise SprintlabError(f"{path} is not a table of numbers under one line of names: {error}") from error
-    if table.shape[1] != len(header) or len(set(header)) < len(header):
-        names = f"{len(header)} names, {len(set(header))} of them different"
-        raise SprintlabError(f"{path}: {names}, over {table.shape[1]} columns")
-    return dict(zip(header, table.T, strict=True))

@@ -76,7 +76,7 @@ def test_a_profile_goes_straight_between_its_lines_and_its_steps_become_ramps(tm
     ("content", "reason"),
     [
         ("time,speed\n0,1\n1,2\n", "its columns must be time, forward"),
-        ("time,forward\n0,1\n1,2x\n", "line 3, column forward: '2x' is not a finite number"),
+        ("time,forward\n0,1\n1,2x\n", "'2x' to float64 at row 1, column 2"),
     ],
 )
 def test_a_file_that_is_not_a_profile_is_refused_with_the_reason(tmp_path, content, reason):

@@ -6,16 +6,15 @@ two lines the velocity goes straight, and where a time comes twice it steps.
 
 from __future__ import annotations
 
-import csv
 from abc import abstractmethod
 from pathlib import Path
 
 import numpy as np
 
 from sprintlab.commands import SprintProfile, heading_command, self_paced
+from sprintlab.core.archives import read_columns
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import read_text, table_number
 from sprintlab.deployment.guard.velocity import OPERATOR_RATES, VelocityLimiter
 from sprintlab.deployment.messages import FloatArray
 from sprintlab.deployment.operators.base import (
@@ -28,7 +27,6 @@ from sprintlab.deployment.operators.base import (
 
 _STANDING = 1.0  # [s] between standing and running
 _COLUMNS = ("time", "forward", "yaw_rate")
-_LARGEST_FILE = 4 << 20  # bytes
 _FASTEST = 50.0  # [m/s] or [rad/s]
 
 
@@ -117,28 +115,13 @@ class ProfileSource(_ScriptedSource):
 
 def load_velocity_table(path: Path) -> FloatArray:
     """Time from the start of the run [s], forward speed [m/s] and yaw rate [rad/s] ``(n, 3)`` of a file."""
-    text = read_text(path, _LARGEST_FILE, what="profile file")
-    try:
-        table = np.array(_rows(text), dtype=float)
-        if len(table) < 2 or (np.diff(table[:, 0], prepend=0.0) < 0.0).any():
-            raise ValueError("it needs two points at least, and their times must rise from 0")
-        if (np.abs(table[:, 1:]) > _FASTEST).any():
-            raise ValueError(f"a velocity is not a number up to {_FASTEST:g} m/s or rad/s")
-    except (ValueError, csv.Error) as error:
-        raise SprintlabError(f"{path} is not a profile: {error}") from error
+    columns = read_columns(path, "profile file")
+    if not {"time", "forward"} <= columns.keys() <= set(_COLUMNS):
+        known = f"time, forward and perhaps yaw_rate, not {', '.join(columns)}"
+        raise SprintlabError(f"{path} is not a profile: its columns must be {known}")
+    table = np.stack([columns.get(name, 0.0 * columns["time"]) for name in _COLUMNS], axis=1)
+    if not (np.diff(table[:, 0], prepend=0.0) >= 0.0).all():
+        raise SprintlabError(f"{path} is not a profile: its times must rise from 0")
+    if not (np.abs(table[:, 1:]) <= _FASTEST).all():
+        raise SprintlabError(f"{path} is not a profile: a velocity is beyond {_FASTEST:g} m/s or rad/s")
     return table
-
-
-def _rows(text: str) -> list[list[float]]:
-    reader = csv.reader(text.splitlines(), strict=True)
-    names = [name.strip() for name in next(reader, [])]
-    if not {"time", "forward"} <= set(names) <= set(_COLUMNS) or len(set(names)) < len(names):
-        raise ValueError(f"its columns must be time, forward and perhaps yaw_rate, not {names}")
-    rows: list[list[float]] = []
-    for cells in reader:
-        if len(cells) != len(names):
-            raise ValueError(f"line {reader.line_num} has not as many cells as there are columns")
-        pairs = zip(names, cells, strict=True)
-        row = {name: table_number(cell, name, reader.line_num) for name, cell in pairs}
-        rows.append([row.get(name, 0.0) for name in _COLUMNS])
-    return rows

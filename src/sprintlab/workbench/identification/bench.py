@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import read_text, table_number
+from sprintlab.core.reading import finite_number, read_text
 from sprintlab.workbench.units import AMPERE, SPEED, VOLT, unit_factor
 
 COLUMNS: dict[str, Mapping[str, float]] = {
@@ -193,9 +193,9 @@ def _numbers(path: object, rows: Sequence[Cells], index: int, header: Sequence[s
                 "part the cells with semicolons"
             )
         try:
-            numbers[position] = table_number("".join(cells[index : index + 1]), header[index].strip(), line)
+            numbers[position] = finite_number("".join(cells[index : index + 1]))
         except ValueError as error:
-            raise SprintlabError(f"{path} {error}") from None
+            raise SprintlabError(f"{path} line {line}, column {header[index].strip()}: {error}") from None
     return numbers
 
 
