@@ -47,7 +47,6 @@ class Battery:
     """Greatest current that the pack takes back [A]; a brake resistor burns what comes beyond. 0: none."""
 
     def __post_init__(self) -> None:
-        """Refuse packs that cannot be."""
         check_range("battery.series_cells", self.series_cells, 1, 500)
         check_range("battery.internal_resistance", self.internal_resistance, 0.0, 10.0, "ohm")
         check_range("battery.capacity", self.capacity, 1e-3, 1e6, "A h")

@@ -40,7 +40,6 @@ class JointDrive:
     bus_voltage: float  # DC bus [V]
 
     def __post_init__(self) -> None:
-        """One motor a drive: the chart has one axis."""
         check_positive("bus_voltage", self.bus_voltage, "V")
         for name, value in (("motor.peak_torque", self.motor.peak_torque), ("gear.ratio", self.gear.ratio)):
             if np.ndim(value) > 0:

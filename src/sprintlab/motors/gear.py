@@ -21,7 +21,6 @@ class Gear:
     """Power that comes out over power that goes in, in either direction [-]."""
 
     def __post_init__(self) -> None:
-        """Refuse gears that cannot be built."""
         check_range("ratio", self.ratio, 1.0, 500.0)
         check_range("efficiency", self.efficiency, 0.01, 1.0)
 

@@ -56,7 +56,6 @@ class PmsmParameters:
     """Moment of inertia of the rotor [kg m^2]."""
 
     def __post_init__(self) -> None:
-        """Refuse what no motor has; see ``_PLAUSIBLE``."""
         for name, bounds in _PLAUSIBLE.items():
             check_range(name, getattr(self, name), *bounds)
         if not every(self.pole_pairs % 1 == 0):

@@ -57,7 +57,6 @@ class WindingHeat:
     """The magnets' share of the winding's rise over the surroundings [-]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         check_range("heat.heat_capacity", self.heat_capacity, *_CAPACITIES, "J/K")
         check_range("heat.thermal_resistance", self.thermal_resistance, *_RESISTANCES, "K/W")
         check_range("heat.ambient_temperature", self.ambient_temperature, -60.0, 150.0, "degC")
@@ -84,7 +83,6 @@ class HousedHeat(WindingHeat):
     """From the housing to the surroundings, R_ha [K/W]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         super().__post_init__()
         check_range("heat.housing_heat_capacity", self.housing_heat_capacity, *_CAPACITIES, "J/K")
         resistance = self.housing_thermal_resistance
@@ -187,7 +185,6 @@ class I2tLimit:
     """T of the level, e.g. a data sheet's thermal time constant of the winding [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         check_range("i2t.continuous_current", self.continuous_current, 1e-3, 1e5, "A")
         given = {name: getattr(self, name) for name in ("peak_duration", "time_constant")}
         given = {name: value for name, value in given.items() if value is not None}

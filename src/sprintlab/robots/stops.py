@@ -15,16 +15,8 @@ def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop:
     """Torque of the elastic end stops on the joints [N m]; zero outside the last zone before the limits.
 
     With ``d`` the depth in the zone, ``k`` and ``c`` the stop's stiffness and damping: ``k d + c d'``
-    directed away from the limit, never below zero, since a stop pushes and cannot pull.
-
-    Args:
-        position: joint positions ``(..., n)`` [rad].
-        velocity: joint velocities ``(..., n)`` [rad/s].
-        limits: lower and upper limits ``(n, 2)`` [rad], in the same array library as ``position``.
-        soft_stop: zone, stiffness and damping.
-
-    Returns:
-        ``(..., n)``, computed without waiting for the device.
+    directed away from the limit, never below zero, since a stop pushes and cannot pull. Positions [rad] and
+    velocities [rad/s] are ``(..., n)``, limits ``(n, 2)`` [rad] in the same array library.
     """
     # Asking what an array is takes longer than the law, and a lying robot comes here 4000 times a second.
     xp = np if type(position) is np.ndarray else array_namespace(position, velocity, limits)

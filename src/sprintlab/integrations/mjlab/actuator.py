@@ -58,7 +58,6 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
     """How the drives cut overloads back, plain numbers; ``None``: the peak current may flow for ever."""
 
     def __post_init__(self) -> None:
-        """Check what mjlab does not."""
         check_choice("model", self.model, MOTOR_MODELS)
         check_positive("bus_voltage", self.motors.bus_voltage, "V")
         if self.i2t is not None:

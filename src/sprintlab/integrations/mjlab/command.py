@@ -54,7 +54,6 @@ class AdaptiveVelocityCommandCfg(CommandTermCfg):
     """mjlab's own redraws, which the schedule does without."""
 
     def __post_init__(self) -> None:
-        """Refuse ranges that cannot be."""
         check_finite("lower", self.lower)
         check_range("upper", self.upper, self.lower, math.inf, "m/s")
         check_range("top", self.top, self.upper, math.inf, "m/s")
