@@ -17,5 +17,5 @@ DRAG_AREA_BAND = (0.10, 0.20)
 
 
 def air_drag(velocity: NDArray[np.float64], drag_area: float) -> NDArray[np.float64]:
-    """Force of still air ``-0.5 rho CdA |v| v`` [N] on a trunk with a velocity in the world ``(3,)`` [m/s]."""
+    """Force of still air ``-0.5 rho CdA |v| v`` [N] on a trunk that moves by ``velocity`` ``(3,)`` [m/s]."""
     return -0.5 * AIR_DENSITY * drag_area * math.sqrt(velocity.dot(velocity)) * velocity
