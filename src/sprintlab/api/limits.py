@@ -25,8 +25,6 @@ UNITS = {
     "stance": "s",
 }  # fmt: skip
 """Units of a stride's and a rollout's numbers by their names."""
-FACTORS = (0.9, 1.1)
-"""On bus voltage, gear ratio, leg length and mass: what a limit is sensitive to."""
 
 
 @checked
@@ -54,8 +52,7 @@ def limit(
     found = limits.speed_limit(
         described,
         settings=limits.SearchSettings(starts=starts, max_stride=max_stride, min_duty=min_duty),
-        factors=() if quick else FACTORS,
-        causes=() if quick else tuple(limits.LIMITS_TO_LIFT),
+        quick=quick,
         progress=progress,
     )
     numbers = {

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sprintlab.core.checks import check_choice, check_range
 from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
-from sprintlab.speed_limit.search import Fastest, SearchSettings, climbs, fastest_stride
+from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
 from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate
 
 Progress = Callable[[str, float | None], None]
@@ -20,6 +19,8 @@ Progress = Callable[[str, float | None], None]
 _WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
 _FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
 
+FACTORS = (0.9, 1.1)
+"""By which the quantities of ``scalings`` are scaled, one at a time."""
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
     "hip torque": ("hip in stance", "hip in swing"),
     "knee torque": ("knee in stance", "knee in swing"),
@@ -91,45 +92,36 @@ def speed_limit(
     robot: RobotDescription,
     *,
     settings: SearchSettings | None = None,
-    factors: Sequence[float] = (0.9, 1.1),
-    causes: Sequence[str] = tuple(LIMITS_TO_LIFT),
-    progress: Progress | None = None,
+    quick: bool = False,
+    progress: Progress = lambda what, share: None,
 ) -> SpeedLimit:
     """Upper estimate of a robot's top speed from its motors and its legs, without any training.
 
     Args:
         robot: the robot.
         settings: how hard to search.
-        factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
-        causes: names in ``LIMITS_TO_LIFT``, to be taken away one at a time.
-        progress: called with what is done and the share done.
+        quick: without causes and sensitivities.
+        progress: called with what is searched for and the share done.
 
     Raises:
-        InvalidValueError: a factor outside [0.3, 3], or an unknown cause.
         SimulationError: the motors cannot carry the robot at any speed.
     """
-    for factor in factors:
-        check_range("factors", factor, 0.3, 3.0)
-    for cause in causes:
-        check_choice("causes", cause, tuple(LIMITS_TO_LIFT))
     settings, runner = settings or SearchSettings(), runner_from_robot(robot)
     beside = replace(
         settings, starts=max(2, settings.starts // 2)
     )  # a similar robot's stride is a good start
-    variants = [(name, factor) for name in scalings(runner) for factor in factors]
-    meter = _Meter(progress, 1 + len(causes) + len(variants), climbs(settings, near=1))
-    best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
-    lifted = tuple(_lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in causes)
-    sensitivities = tuple(
-        Sensitivity(
-            quantity=name,
-            factor=factor,
-            speed=fastest_stride(
-                scalings(runner)[name](factor), beside, near=best, tick=meter.search(f"{name} x {factor:g}")
-            ).speed,
-        )
-        for name, factor in variants
-    )
+    causes = () if quick else tuple(LIMITS_TO_LIFT)
+    variants = [] if quick else [(name, factor) for name in scalings(runner) for factor in FACTORS]
+    progress("speed limit", None)
+    best, lifted, sensitivities = fastest_stride(runner, settings), list[Lifted](), list[Sensitivity]()
+    for cause in causes:
+        progress(f"without {cause}", len(lifted) / (len(causes) + len(variants)))
+        lifted.append(_lift(runner, beside, best, cause))
+    for name, factor in variants:
+        done = len(lifted) + len(sensitivities)
+        progress(f"{name} x {factor:g}", done / (len(causes) + len(variants)))
+        speed = fastest_stride(scalings(runner)[name](factor), beside, near=best).speed
+        sensitivities.append(Sensitivity(quantity=name, factor=factor, speed=speed))
     stride = evaluate(runner, best.parameters[None], best.speed)
     return SpeedLimit(
         robot=robot.name,
@@ -137,38 +129,17 @@ def speed_limit(
         cause=max(lifted, key=lambda item: item.speed).cause if lifted else None,
         facts=stride_facts(runner, stride, best.speed),
         stride=stride,
-        lifted=lifted,
-        sensitivities=sensitivities,
+        lifted=tuple(lifted),
+        sensitivities=tuple(sensitivities),
     )
 
 
-class _Meter:
-    """Turns the ticks of searches into shares of the whole."""
-
-    def __init__(self, progress: Progress | None, searches: int, climbs: int) -> None:
-        self._progress, self._searches, self._climbs, self._begun = progress, searches, climbs, 0
-
-    def search(self, what: str) -> Callable[[], None]:
-        """The tick of the next search."""
-        first, ticks = self._begun, [0]
-        self._begun += 1
-
-        def tick() -> None:
-            ticks[0] += 1
-            if self._progress is not None:
-                self._progress(what, (first + min(ticks[0] / self._climbs, 1.0)) / self._searches)
-
-        return tick
-
-
-def _lift(
-    runner: Runner, settings: SearchSettings, best: Fastest, cause: str, tick: Callable[[], None]
-) -> Lifted:
+def _lift(runner: Runner, settings: SearchSettings, best: Fastest, cause: str) -> Lifted:
     kept = [group for group in GROUPS if group not in LIMITS_TO_LIFT[cause]]
     if cause == "the drag of the air":
         runner = replace(runner, drag_area=0.0)
     ceiling = _WITHOUT_CEILING * best.speed
-    found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling, tick=tick)
+    found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling)
     return Lifted(cause=cause, speed=found.speed, bounded=found.bounded)
 
 

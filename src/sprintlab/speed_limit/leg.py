@@ -127,11 +127,7 @@ def joint_position(leg: PlanarLeg, foot: FloatArray) -> FloatArray:
 
 def foot_jacobian(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """Derivative of the foot's middle by the joint angles, ``(..., 2, 2)`` [m/rad]."""
-    return _foot_jacobian(leg, _directions(position))
-
-
-def _foot_jacobian(leg: PlanarLeg, directions: tuple[Direction, Direction]) -> FloatArray:
-    thigh, shank = directions
+    thigh, shank = _directions(position)
     by_shank = _rotate(shank, -leg.shank.length, 0.0)
     by_thigh = _rotate(thigh, -leg.thigh.length, 0.0)
     return np.stack((by_thigh + by_shank, by_shank), axis=-1)
@@ -139,11 +135,7 @@ def _foot_jacobian(leg: PlanarLeg, directions: tuple[Direction, Direction]) -> F
 
 def contact_jacobian(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """The same for the foot's lowest point, which a rolling foot holds still on the ground."""
-    return _contact_jacobian(leg, _directions(position))
-
-
-def _contact_jacobian(leg: PlanarLeg, directions: tuple[Direction, Direction]) -> FloatArray:
-    jacobian = _foot_jacobian(leg, directions)
+    jacobian = foot_jacobian(leg, position)
     jacobian[..., 0, :] -= leg.foot_radius
     return jacobian
 
@@ -155,8 +147,8 @@ def stance_motion(
 
     The ground moves against the hip: ``J_c q' = -v_hip``, and its derivative ``J_c q'' = -J' q' - a_hip``.
     """
-    directions = thigh, shank = _directions(position)
-    jacobian = _contact_jacobian(leg, directions)
+    thigh, shank = _directions(position)
+    jacobian = contact_jacobian(leg, position)
     velocity = np.asarray(np.linalg.solve(jacobian, -hip_velocity[..., None])[..., 0], dtype=np.float64)
     turning = _rotate(thigh, 0.0, -leg.thigh.length) * velocity[..., :1] ** 2
     turning += _rotate(shank, 0.0, -leg.shank.length) * (velocity[..., :1] + velocity[..., 1:]) ** 2

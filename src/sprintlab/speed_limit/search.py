@@ -27,8 +27,6 @@ from sprintlab.speed_limit.stride import (
     violations,
 )
 
-Tick = Callable[[], None]
-
 KEPT = 3e-3
 """A stride is possible when nothing is broken by more; ``_MARGIN`` of stride.py is inside it."""
 _STEP = 1e-5  # step of the scaled parameters and of the speed, for differences
@@ -52,14 +50,12 @@ class SearchSettings:
     """
 
     starts: int = 6  # random strides to begin from; as many more begin at the best stride so far, shaken
-    seed: int = 0  # seed of the random strides
     max_stride: float | None = None  # highest stride frequency that counts [Hz]; None: what the motors allow
     # lowest share of a stride in which a foot is on the ground; None: what the motors allow
     min_duty: float | None = None
 
     def __post_init__(self) -> None:
         check_range("starts", self.starts, 1, 1000)
-        check_range("seed", self.seed, 0, 2**32 - 1)
         if self.max_stride is not None:
             check_range("max_stride", self.max_stride, 1.1, 16.0, "Hz")
         if self.min_duty is not None:
@@ -90,7 +86,6 @@ def fastest_stride(
     groups: Sequence[str] = GROUPS,
     near: Fastest | Sequence[Fastest] = (),
     ceiling: float | None = None,
-    tick: Tick | None = None,
 ) -> Fastest:
     """The highest speed at which a stride keeps the limits: the best of several climbs.
 
@@ -100,7 +95,6 @@ def fastest_stride(
         groups: the limits to keep, of ``GROUPS``.
         near: results for similar robots, to begin with.
         ceiling: speed at which to stop looking [m/s]; None: far above what any runner reaches.
-        tick: called after each climb.
 
     Raises:
         SimulationError: no start came to a possible stride.
@@ -116,25 +110,16 @@ def fastest_stride(
         climbed = search.climb(start, speed)
         found.append(climbed[0])
         best = max(best, climbed, key=lambda item: item[0])
-        if tick is not None:
-            tick()
     if best[0] == 0.0:
         raise SimulationError("no stride is possible at any speed: the motors cannot carry the robot")
     for shake in search.shakes():
         climbed = search.climb(best[1] + shake, best[0])
         found.append(climbed[0])
         best = max(best, climbed, key=lambda item: item[0])
-        if tick is not None:
-            tick()
     top = search.ceiling
     return Fastest(
         speed=best[0], parameters=best[1], bounded=best[0] < top * (1.0 - 1e-6), found=tuple(found)
     )
-
-
-def climbs(settings: SearchSettings, near: int = 0) -> int:
-    """How many climbs a search with these settings makes."""
-    return 2 * settings.starts + near
 
 
 class _Search:
@@ -153,14 +138,14 @@ class _Search:
         """Strides to begin from, with their speeds: known ones, then random ones."""
         for item in near:
             yield item.parameters, min(item.speed, 0.99 * self.ceiling)
-        random = np.random.default_rng(self._settings.seed)
+        random = np.random.default_rng(0)
         for _ in range(self._settings.starts):
             speed = min(self._pace * random.uniform(*_PACES), 0.99 * self.ceiling)
             yield self._draw(random, speed), speed
 
     def shakes(self) -> Iterator[FloatArray]:
         """Changes of a known stride, from which to climb again."""
-        random = np.random.default_rng(self._settings.seed + 1)
+        random = np.random.default_rng(1)
         for index in range(self._settings.starts):
             strength = _SHAKES[index % len(_SHAKES)]
             yield strength * _SCALES * random.standard_normal(PARAMETERS)
