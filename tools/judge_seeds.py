@@ -35,7 +35,7 @@ from sprintlab.evaluation.results import TrialMetrics
 from sprintlab.evaluation.robustness import ALL, draw_request
 from sprintlab.evaluation.sweep import Case, Run, run_case
 from sprintlab.evaluation.trial import TrialRequest, run_trial
-from sprintlab.evaluation.turning import Turn, TurningSettings
+from sprintlab.evaluation.turning import Turn, largest_yaw_rate
 from sprintlab.plant import PlantOptions, TrialSettings
 from sprintlab.plant.ground import Ground
 from sprintlab.robots import RobotDescription, load_robot
@@ -93,9 +93,9 @@ def tasks(path: str, top: float, trials: int, sprints: int) -> Iterator[Task]:
     for seed in range(sprints):
         yield task("sprints", draw_request(1000 + seed, ALL, top_speed=top, bus_voltage=bus))
     for turn in turns(top):
-        yield Task(policy=path, group="turns", case=TurningSettings().case(turn))
+        yield Task(policy=path, group="turns", case=turn.case())
     for speed in BACKWARD:
-        yield Task(policy=path, group="backward", case=TurningSettings().case(Turn(speed, 0.0, TURN)))
+        yield Task(policy=path, group="backward", case=Turn(speed, 0.0, TURN).case())
 
 
 def turns(top: float) -> list[Turn]:
@@ -103,7 +103,7 @@ def turns(top: float) -> list[Turn]:
     found = []
     for share in TURNING_SHARES:
         speed = share * top
-        largest = TurningSettings().largest_yaw_rate(speed)
+        largest = largest_yaw_rate(speed)
         for rate in (SMALL_TURN, 0.25 * largest, 0.5 * largest):
             found += [Turn(speed, side * rate, TURN) for side in (1.0, -1.0)]
     return found

@@ -4,17 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from tests.short_trials import shorten_trials
 
 from sprintlab.api import perturbations
-from sprintlab.evaluation.ground import ground_numbers
 from sprintlab.evaluation.sweep import Run
-from sprintlab.evaluation.turning import TurningSettings
 
 
 @pytest.mark.usefixtures("short_trials")
 def test_turning_is_mapped(call, policy, tmp_path, monkeypatch):
-    shorten_trials(monkeypatch.setitem, {TurningSettings: {"turn": 2.0}})
+    monkeypatch.setattr("sprintlab.evaluation.turning.TURN_TIME", 2.0)
     figure = tmp_path / "turning.svg"
     outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--figure", figure)
     assert outcome.status == 0 and "half of mu g" in outcome.out and "+50 %" in outcome.out
@@ -33,16 +30,15 @@ def test_a_lap_leaves_its_recording(call, policy, tmp_path, monkeypatch):
 
 
 def test_one_line_a_ground(call, policy, monkeypatch):
-    def measured(pool, settings, progress):
+    def measured(pool, cases, progress):
         speeds = {"level": 10.0, "uphill": 8.0, "downhill": 10.4, "rough": None}
-        runs = [
+        return [
             Run(group=name, seed=seed, fall_reason="" if speed else "tilt", fall_time_s=None,
                 held_speed_m_s=speed, distance_m=0.0)
             for name, speed in speeds.items() for seed in range(2)
         ]  # fmt: skip
-        return ground_numbers(settings, runs)
 
-    monkeypatch.setattr(perturbations, "compare_grounds", measured)
+    monkeypatch.setattr(perturbations, "run_cases", measured)
     words = ("ground", policy, "--trials", 2, "--slope", 0.1, "--workers", 1)
     lines = [line.split() for line in call(*words).out.splitlines()]
     assert ["top", "speed", "command", "10", "m/s"] in lines and ["slope", "0.1"] in lines

@@ -8,7 +8,7 @@ import pytest
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.theme import png_bytes
-from sprintlab.evaluation.ground import GroundSettings, compare_grounds, ground_numbers
+from sprintlab.evaluation.ground import ground_cases, ground_numbers
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.robustness import (
@@ -21,10 +21,10 @@ from sprintlab.evaluation.robustness import (
     summarize,
     wilson_interval,
 )
-from sprintlab.evaluation.sweep import Run, achieved
+from sprintlab.evaluation.sweep import Run, achieved, run_cases
 from sprintlab.evaluation.sweep_figures import robustness_figure, turning_figure
-from sprintlab.evaluation.turning import Turn, TurningSettings, turning_numbers, turning_rows
-from sprintlab.plant import BaseState
+from sprintlab.evaluation.turning import FRACTIONS, Turn, turning_numbers, turning_rows, turns
+from sprintlab.plant import BaseState, PlantOptions
 
 DRAWN = {"top_speed": 2.0, "bus_voltage": 60.0}
 SHORT = StudySettings(top_speed=2.0, trials=3, cause_trials=0, distance=0.2)
@@ -162,11 +162,11 @@ def grounds(*speeds):
         for kind, speed in zip(KINDS, speeds, strict=True)
         for seed in range(3)
     ]
-    return ground_numbers(GroundSettings(top_speed=10.0), runs)["grounds"]
+    return ground_numbers(runs)["grounds"]
 
 
 def test_every_ground_gets_the_protocols_trials_and_rough_ground_heights_of_its_own():
-    cases = GroundSettings(top_speed=8.0, trials=2, slope=0.1, roughness=0.03).cases()
+    cases = ground_cases(8.0, 2, 0.1, 0.03, PlantOptions())
     assert [case.group for case in cases] == [kind for kind in KINDS for _ in range(2)]
     drawn = ProtocolSettings(trials=2, required=1).trial_settings()
     assert [case.request.settings for case in cases] == [*drawn] * 4
@@ -189,8 +189,8 @@ def test_a_ground_is_met_when_all_stay_upright_and_little_speed_is_lost():
 @pytest.mark.usefixtures("brief_trials")
 def test_a_policy_that_stands_stays_upright_everywhere(pool):
     told = []
-    settings = GroundSettings(top_speed=0.5, trials=1, hold=0.5)
-    found = compare_grounds(pool, settings, lambda *now: told.append(now))
+    cases = ground_cases(0.5, 1, 0.05, 0.02, PlantOptions())
+    found = ground_numbers(run_cases(pool, cases, lambda *now: told.append(now)))
     assert told == [(kind, done, 4) for done, kind in enumerate(KINDS, start=1)]
     assert [ground["upright"] for ground in found["grounds"]] == [1, 1, 1, 1]
     assert all(abs(ground["held_speed_m_s"]) < 0.05 for ground in found["grounds"])
@@ -199,25 +199,25 @@ def test_a_policy_that_stands_stays_upright_everywhere(pool):
 # --- turning -----------------------------------------------------------------------------------------------
 
 
-def turned(settings, *outcomes):
+def turned(asked, *outcomes):
     """Numbers of turns that reach these gains, or fell."""
     return turning_numbers(
-        settings,
+        asked,
         [
             run("", 0, turn.forward, fell="tilt")
             if gain is None
             else run("", 0, turn.forward, yaw_rate_rad_s=gain * turn.yaw_rate)
-            for turn, gain in zip(settings.turns(), outcomes, strict=True)
+            for turn, gain in zip(asked, outcomes, strict=True)
         ],
     )
 
 
 def test_commands_reach_the_friction_hyperbola_and_no_further():
-    turns = TurningSettings(speeds=(0.0, 4.0, 12.0), fractions=(-1.0, 0.5, 1.0)).turns()
-    assert len(turns) == 9
-    for turn in turns:
+    asked = turns((0.0, 4.0, 12.0))
+    assert len(asked) == 3 * len(FRACTIONS)
+    for turn in asked:
         assert abs(turn.yaw_rate) <= 1.0 and abs(turn.forward * turn.yaw_rate) <= 0.85 * 9.81 + 1e-3
-    assert turns[-1].yaw_rate == pytest.approx(0.85 * 9.81 / 12.0, rel=1e-3)
+    assert asked[-1].yaw_rate == pytest.approx(0.85 * 9.81 / 12.0, rel=1e-3)
 
 
 def test_a_turn_begins_when_the_speed_is_asked_for():
@@ -237,14 +237,11 @@ def test_the_achieved_rate_is_that_of_the_last_two_seconds(make_trajectory):
 
 
 def test_only_moderate_turns_make_the_least_gain_and_a_fall_makes_it_undefined():
-    settings, least = (
-        TurningSettings(speeds=(8.0,), fractions=(0.5, 1.0)),
-        "least_gain_up_to_half_of_friction",
-    )
-    found, fell = turned(settings, 0.9, 0.1), turned(settings, None, 1.0)
+    asked, least = turns((8.0,))[-2:], "least_gain_up_to_half_of_friction"
+    found, fell = turned(asked, 0.9, 0.1), turned(asked, None, 1.0)
     assert found[least] == pytest.approx(0.9) and found["falls"] == 0
-    assert turning_rows(settings, found)[0][2:] == ("90 %", "10 %")
+    assert turning_rows(found)[0][2:] == ("90 %", "10 %")
     assert fell[least] is None and fell["falls"] == 1
-    assert turning_rows(settings, fell)[0][2] == "fell"
-    (axis,) = turning_figure(settings, fell).axes
+    assert turning_rows(fell)[0][2] == "fell"
+    (axis,) = turning_figure(fell).axes
     assert "m/s" in axis.get_xlabel() and "rad/s" in axis.get_ylabel()

@@ -12,13 +12,13 @@ from sprintlab.api.results import Drawn, Progress, Result, drawn, kept, quantiti
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice
 from sprintlab.core.files import check_writable_file
-from sprintlab.evaluation.ground import GroundSettings, compare_grounds
+from sprintlab.evaluation.ground import ground_cases, ground_numbers
 from sprintlab.evaluation.lap import run_lap
 from sprintlab.evaluation.race import find_top_speed
 from sprintlab.evaluation.robustness import StudySettings, run_study, summarize
-from sprintlab.evaluation.sweep import stored_study
+from sprintlab.evaluation.sweep import run_cases, stored_study
 from sprintlab.evaluation.trial import TrialRequest
-from sprintlab.evaluation.turning import TurningSettings, turning_map, turning_rows
+from sprintlab.evaluation.turning import FRACTIONS, turning_map, turning_rows
 
 
 @checked
@@ -40,21 +40,20 @@ def turning(
         speeds: commanded forward speeds [m/s].
     """
     plant, name = drive.plant(), policy_path(policy).stem
-    settings = TurningSettings(speeds=tuple(speeds), plant=plant)
     with trial_pool(policy, robot, workers) as pool:
-        found = turning_map(pool, settings, _counted(progress, "turning at {}"))
-    columns = ("speed [m/s]", "largest [rad/s]", *(f"{100 * share:+.0f} %" for share in settings.fractions))
+        found = turning_map(pool, speeds, plant, _counted(progress, "turning at {}"))
+    columns = ("speed [m/s]", "largest [rad/s]", *(f"{100 * share:+.0f} %" for share in FRACTIONS))
     title = f"Turning of {name}: achieved over commanded yaw rate"
     least = found["least_gain_up_to_half_of_friction"]
     worst = "undefined, since one fell" if least is None else f"{100 * least:.0f} %"
     shown = [
-        table(title, *columns, numbers=columns, rows=turning_rows(settings, found)),
+        table(title, *columns, numbers=columns, rows=turning_rows(found)),
         "Columns: shares of the largest yaw rate that friction allows (at most 1 rad/s), left positive.",
         f"Worst turn with |v w| up to half of mu g: {worst}. Falls: {found['falls']}.",
         *plant.remarks,
     ]
     numbers = {"policy": name, **found, "notes": plant.remarks}
-    draw = drawn("evaluation.sweep_figures.turning_figure", settings, found)
+    draw = drawn("evaluation.sweep_figures.turning_figure", found)
     return Drawn(numbers=numbers, shown=shown, found=found, draw=draw)
 
 
@@ -131,12 +130,11 @@ def ground(
         roughness: greatest height of the rough ground above and below its mean [m].
     """
     plant, name = drive.plant(), policy_path(policy).stem
-    settings = GroundSettings(
-        top_speed=top_speed, trials=trials, slope=slope, roughness=roughness, plant=plant
-    )
+    cases = ground_cases(top_speed, trials, slope, roughness, plant)
     with trial_pool(policy, robot, workers) as pool:
-        found = compare_grounds(pool, settings, _counted(progress, "on {} ground"))
-    numbers = {"policy": name, **found, "notes": plant.remarks}
+        runs = run_cases(pool, cases, _counted(progress, "on {} ground"))
+    asked = {"top_speed_command_m_s": top_speed, "slope": slope, "roughness_m": roughness}
+    numbers = {"policy": name, **asked, **(found := ground_numbers(runs)), "notes": plant.remarks}
     shown = [quantities("Slopes and rough ground", numbers), records("", numbers["grounds"]), *plant.remarks]
     return Result(numbers=numbers, shown=shown, found=found)
 

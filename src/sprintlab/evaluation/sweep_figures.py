@@ -24,7 +24,7 @@ from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.lap import LapResult
 from sprintlab.evaluation.robustness import ALL
 from sprintlab.evaluation.sweep import Run, held_speeds, of_group
-from sprintlab.evaluation.turning import TurningSettings
+from sprintlab.evaluation.turning import largest_yaw_rate
 
 
 def robustness_figure(summary: dict[str, Any], runs: Sequence[Run], title: str) -> Figure:
@@ -74,13 +74,13 @@ def _draw_causes(axis: Axes, summary: dict[str, Any]) -> None:
     set_title(axis, "What each cause costs by itself", LIGHT)
 
 
-def turning_figure(settings: TurningSettings, numbers: dict[str, Any]) -> Figure:
+def turning_figure(numbers: dict[str, Any]) -> Figure:
     """Commanded turns as circles, achieved ones as dots joined to them; what friction allows is shaded."""
     figure, (axis,) = themed_figure(LIGHT, (7.0, 4.6), 1, 1)
-    speed = np.linspace(min(0.0, *settings.speeds), 1.05 * max(1.0, *map(abs, settings.speeds)), 200)
-    bound = np.array([settings.largest_yaw_rate(value) for value in speed])
-    axis.fill_between(speed, -bound, bound, color=LIGHT.shade, label="allowed by friction, at most 1 rad/s")
     asked = np.array([(t["command_speed_m_s"], t["command_yaw_rate_rad_s"]) for t in numbers["turns"]])
+    speed = np.linspace(min(0.0, *asked[:, 0]), 1.05 * max(1.0, *np.abs(asked[:, 0])), 200)
+    bound = np.array([largest_yaw_rate(value) for value in speed])
+    axis.fill_between(speed, -bound, bound, color=LIGHT.shade, label="allowed by friction, at most 1 rad/s")
     achieved = np.array([(t["speed_m_s"], t["yaw_rate_rad_s"]) for t in numbers["turns"]], dtype=float)
     fell = np.isnan(achieved).any(axis=1)
     axis.plot(*np.stack((asked, achieved)).transpose(2, 0, 1), color=LIGHT.muted, linewidth=0.8)

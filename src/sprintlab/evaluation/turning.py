@@ -4,67 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sprintlab.commands.state import GRAVITY
-from sprintlab.core.checks import check_positive, check_range
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.checks import check_range
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.sweep import TURN_WINDOW, Case, Progress, Run, run_cases
+from sprintlab.evaluation.sweep import Case, Progress, Run, run_cases
 from sprintlab.evaluation.trial import Course, TrialRequest
-from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions, TrialSettings
+from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions
 
 LARGEST_YAW_RATE = 1.0
 """Yaw rates are commanded up to this magnitude [rad/s], in training and here (the paper's range)."""
+FRACTIONS = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)
+"""Shares of the largest yaw rate that are commanded at every speed."""
+TURN_TIME = 4.0
+"""Duration of each turn [s]; the last 2 s of it are measured."""
 
 _STAND, _ACCELERATION = 1.0, 4.0  # [s], [m/s^2]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurningSettings:
-    """What is asked for.
-
-    Raises:
-        InvalidValueError: a speed, fraction or duration is out of range.
-    """
-
-    speeds: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)  # commanded, forward [m/s]
-    fractions: tuple[float, ...] = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)  # shares of the largest yaw rate
-    turn: float = 4.0  # duration of each turn [s]; the last 2 s of it are measured
-    plant: PlantOptions = field(default_factory=PlantOptions)
-    trial: TrialSettings = NOMINAL_TRIAL
-
-    def __post_init__(self) -> None:
-        if not self.speeds or not self.fractions:
-            raise InvalidValueError("turning.speeds and turning.fractions", (), "at least one of each")
-        for speed in self.speeds:
-            check_range("turning.speeds", speed, -5.0, 30.0, "m/s")
-        for fraction in self.fractions:
-            check_range("turning.fractions", fraction, -1.0, 1.0)
-            check_positive("turning.fractions (magnitude)", abs(fraction))
-        check_range("turning.turn", self.turn, TURN_WINDOW, 60.0, "s")
-
-    def largest_yaw_rate(self, speed: float) -> float:
-        """What friction allows at a speed [rad/s]: ``|v w| <= mu g``, and at most 1 rad/s."""
-        return min(LARGEST_YAW_RATE, self.trial.friction * GRAVITY / max(abs(speed), 1e-6))
-
-    def turns(self) -> tuple[Turn, ...]:
-        """Every combination, by speed, then by yaw rate."""
-        return tuple(
-            Turn(speed, fraction * self.largest_yaw_rate(speed), self.turn)
-            for speed in self.speeds
-            for fraction in self.fractions
-        )
-
-    def case(self, turn: Turn) -> Case:
-        """One turn as a run of a sweep."""
-        speed = max(abs(turn.forward), 0.1)
-        request = TrialRequest(top_speed=speed, settings=self.trial, plant=self.plant, keep_trajectory=True)
-        return Case(group=f"{turn.forward:g} m/s", request=request, course=turn)
+def largest_yaw_rate(speed: float) -> float:
+    """What friction allows at a speed [rad/s]: ``|v w| <= mu g``, and at most 1 rad/s."""
+    return min(LARGEST_YAW_RATE, NOMINAL_TRIAL.friction * GRAVITY / max(abs(speed), 1e-6))
 
 
 class Turn(Course):
@@ -87,23 +51,45 @@ class Turn(Course):
         """The yaw rate of the turn [rad/s], zero before it."""
         return self.yaw_rate if self._turning else 0.0
 
+    def case(self, plant: PlantOptions | None = None) -> Case:
+        """The turn as a run of a sweep."""
+        speed = max(abs(self.forward), 0.1)
+        request = TrialRequest(top_speed=speed, plant=plant or PlantOptions(), keep_trajectory=True)
+        return Case(group=f"{self.forward:g} m/s", request=request, course=self)
+
+
+def turns(speeds: Sequence[float]) -> list[Turn]:
+    """Every fraction of the largest yaw rate at every forward speed [m/s]."""
+    return [
+        Turn(speed, fraction * largest_yaw_rate(speed), TURN_TIME)
+        for speed in speeds
+        for fraction in FRACTIONS
+    ]
+
 
 def turning_map(
-    pool: TrialPool, settings: TurningSettings, progress: Progress = lambda *_: None
+    pool: TrialPool, speeds: Sequence[float], plant: PlantOptions, progress: Progress = lambda *_: None
 ) -> dict[str, Any]:
-    """Run every turn, and give ``turning_numbers``; errors as in ``run_cases``."""
-    cases = [settings.case(turn) for turn in settings.turns()]
-    return turning_numbers(settings, run_cases(pool, cases, progress))
+    """Run every turn, and give ``turning_numbers``; errors as in ``run_cases``.
+
+    Raises:
+        InvalidValueError: there is no speed, or one outside -5 to 30 m/s.
+    """
+    check_range("number of speeds", len(speeds), 1, 1000)
+    for speed in speeds:
+        check_range("speeds", speed, -5.0, 30.0, "m/s")
+    asked = turns(speeds)
+    return turning_numbers(asked, run_cases(pool, [turn.case(plant) for turn in asked], progress))
 
 
-def turning_numbers(settings: TurningSettings, runs: Sequence[Run]) -> dict[str, Any]:
+def turning_numbers(asked: Sequence[Turn], runs: Sequence[Run]) -> dict[str, Any]:
     """JSON-ready numbers of each turn; a gain is the achieved over the commanded yaw rate.
 
     The least gain is that of the turns with ``|v w|`` at most half of ``mu g``. What a fall leaves undefined
     is null.
     """
-    bound, gains, rows = 0.5 * settings.trial.friction * GRAVITY + 1e-9, list[float](), list[dict[str, Any]]()
-    for turn, run in zip(settings.turns(), runs, strict=True):
+    bound, gains, rows = 0.5 * NOMINAL_TRIAL.friction * GRAVITY + 1e-9, list[float](), list[dict[str, Any]]()
+    for turn, run in zip(asked, runs, strict=True):
         rate = run.yaw_rate_rad_s
         gain = math.nan if rate is None else rate / turn.yaw_rate
         gains += [gain] if abs(turn.forward * turn.yaw_rate) <= bound else []
@@ -117,23 +103,21 @@ def turning_numbers(settings: TurningSettings, runs: Sequence[Run]) -> dict[str,
                 "fall_reason": run.fall_reason,
             }
         )
+    least = math.nan if np.isnan(gains).any() else min(gains, default=math.nan)
     return json_ready(
         {
-            "friction": settings.trial.friction,
+            "friction": NOMINAL_TRIAL.friction,
             "falls": sum(not run.upright for run in runs),
-            "least_gain_up_to_half_of_friction": math.nan
-            if np.isnan(gains).any()
-            else min(gains, default=math.nan),
+            "least_gain_up_to_half_of_friction": least,
             "turns": rows,
         }
     )
 
 
-def turning_rows(settings: TurningSettings, numbers: dict[str, Any]) -> list[tuple[str, ...]]:
+def turning_rows(numbers: dict[str, Any]) -> list[tuple[str, ...]]:
     """One row per speed: the gain of every fraction as text, ``fell`` where the robot fell."""
-    cells = ["fell" if turn["fall_reason"] else f"{100 * turn['gain']:.0f} %" for turn in numbers["turns"]]
-    width = len(settings.fractions)
-    return [
-        (f"{speed:g}", f"{settings.largest_yaw_rate(speed):.2f}", *cells[index * width : (index + 1) * width])
-        for index, speed in enumerate(settings.speeds)
-    ]
+    rows: dict[float, list[str]] = {}
+    for turn in numbers["turns"]:
+        cells = rows.setdefault(turn["command_speed_m_s"], [])
+        cells.append("fell" if turn["fall_reason"] else f"{100 * turn['gain']:.0f} %")
+    return [(f"{speed:g}", f"{largest_yaw_rate(speed):.2f}", *cells) for speed, cells in rows.items()]
