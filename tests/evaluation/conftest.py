@@ -58,7 +58,6 @@ def make_trajectory(robot: RobotDescription) -> Callable[..., Trajectory]:
             "velocity": np.zeros((count, 2)),
             "height": np.full(count, 0.5),
             "angular_velocity": np.zeros((count, 3)),
-            "tilt": np.zeros(count),
             "heading": np.zeros(count),
             "foot_contact": np.ones((count, 4), dtype=bool),
             "foot_penetration": np.zeros((count, 4)),

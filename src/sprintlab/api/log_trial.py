@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle, wrap_angle
+from sprintlab.commands import heading_angle, in_heading_frame, wrap_angle
 from sprintlab.core.array_types import FloatArray
 from sprintlab.deployment.log import LogError, RunRecord
 from sprintlab.evaluation.audit import audit_trials
@@ -135,9 +135,7 @@ def _trajectory(
         profile_speed=command[:, 0],
         command=command,
         velocity=in_heading_frame(velocity, heading),
-        height=position[:, 2],
         angular_velocity=states["angular_velocity"][index],
-        tilt=tilt_angle(states["quaternion"][index]),
         heading=heading,
         joint_position=states["joint_position"][index],
         joint_velocity=joint_velocity,

@@ -14,7 +14,6 @@ from sprintlab.commands.grid import TargetOutcome as TargetOutcome
 from sprintlab.commands.heading import heading_angle as heading_angle
 from sprintlab.commands.heading import heading_command as heading_command
 from sprintlab.commands.heading import in_heading_frame as in_heading_frame
-from sprintlab.commands.heading import tilt_angle as tilt_angle
 from sprintlab.commands.heading import wrap_angle as wrap_angle
 from sprintlab.commands.profiles import Phase as Phase
 from sprintlab.commands.profiles import SpeedProfile as SpeedProfile

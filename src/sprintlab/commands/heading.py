@@ -29,12 +29,6 @@ def heading_angle(quaternion: Array) -> Array:
     return xp.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def tilt_angle(quaternion: Array) -> Array:
-    """Angle [rad] ``(...)`` between vertical and a body of a unit quaternion w, x, y, z ``(..., 4)``."""
-    xp, x, y = namespace(quaternion), quaternion[..., 1], quaternion[..., 2]
-    return xp.acos(clip(1 - 2 * (x * x + y * y), -1.0, 1.0))
-
-
 def in_heading_frame(velocity: Array, heading: Array) -> Array:
     """Horizontal velocity ``(..., 2)``, forward and left, of one in the world ``(..., 2 or 3)`` at a yaw."""
     xp, x, y = namespace(velocity), velocity[..., 0], velocity[..., 1]

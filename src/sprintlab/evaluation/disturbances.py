@@ -19,6 +19,9 @@ SENSOR_NOISE = Measurement(
 )
 """Half-widths of the uniform noise of a ``sensor_noise`` of 1 [rad/s, -, rad, rad/s]: those of training."""
 
+PUSH_INTERVAL = 3.0
+"""Mean time between two pushes [s]."""
+
 _FIRST_PUSH = 1.0  # not before the robot is asked to run [s]
 
 
@@ -47,11 +50,8 @@ class Disturbances:
     def delivered(self, targets: FloatArray, steps: int) -> Iterator[tuple[FloatArray, int]]:
         """Joint targets and for how many motor steps the drives follow them, over one policy period.
 
-        The drives close their loops on the same encoders, so that an offset shifts every target.
-
-        Args:
-            targets: the policy's, ``(joints,)`` [rad].
-            steps: motor steps of the period.
+        The drives close their loops on the same encoders, so that an offset shifts every target
+        ``(joints,)`` [rad].
         """
         shifted = targets - self._offset
         late = 0
@@ -67,6 +67,6 @@ class Disturbances:
         if not settings.push_speed or plant.time < _FIRST_PUSH:
             return
         chance, angle = self._pushes.uniform(0.0, 1.0, 2)
-        if chance < steps / (self._motor_rate * settings.push_interval):
+        if chance < steps / (self._motor_rate * PUSH_INTERVAL):
             direction = 2.0 * np.pi * angle
             plant.push(settings.push_speed * np.array([np.cos(direction), np.sin(direction)]))

@@ -42,12 +42,7 @@ _GRID_POINTS = 241
 
 
 def workbench_figure(drive: JointDrive, title: str) -> Figure:
-    """All envelopes on the left; copper loss and mechanical power inside the refined one on the right.
-
-    Args:
-        drive: motor, gear and bus.
-        title: printed above the left axes.
-    """
+    """All envelopes on the left; copper loss and mechanical power inside the refined one on the right."""
     figure, (models, inside) = themed_figure(LIGHT, (13.0, 5.4), 1, 2, sharex=True, sharey=True)
     for name in envelope_names():
         models.plot(*envelope_outline(drive, name), label=LABELS[name], **_LOOKS[name])

@@ -103,8 +103,8 @@ class TrialPool:
     Args:
         policy: path of the policy file.
         robot: the robot it drives.
-        workers: processes; ``None`` takes one a core, 1 runs everything in the calling process.
-        processes: to use instead of own ones; they stay open, and ``workers`` is not used.
+        workers: as the ``count`` of ``WorkerProcesses``.
+        processes: to use instead of own ones; they stay open.
 
     Raises:
         PolicyFileError: the file is no policy.

@@ -17,6 +17,11 @@ from sprintlab.plant import JOINT_NOISE, PlantOptions, TrialSettings
 
 Progress = Callable[[SpeedResult], None]
 
+FRICTION = (0.7, 1.0)
+"""Range of the sliding friction of the seeded trials."""
+PAYLOAD = 1.0
+"""Half-width of the mass that they add to the trunk [kg]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolSettings:
@@ -37,9 +42,6 @@ class ProtocolSettings:
     top: float = 16.0  # the search ends here even if every speed passed [m/s]
     hold: float = 10.0  # duration of the hold [s]
     seed: int = 0  # decides every trial's settings
-    joint_noise: float = JOINT_NOISE  # half-width of the initial joint noise [rad]
-    friction: tuple[float, float] = (0.7, 1.0)  # range of the sliding friction
-    payload: float = 1.0  # half-width of the mass added to the trunk [kg]
     plant: PlantOptions = field(default_factory=PlantOptions)
 
     def __post_init__(self) -> None:
@@ -53,8 +55,6 @@ class ProtocolSettings:
         check_positive("protocol.start", self.start, "m/s")
         check_range("protocol.top", self.top, self.start, HIGHEST_SPEED, "m/s")
         check_range("protocol.seed", self.seed, 0, 2**31)
-        check_range("protocol.friction", np.asarray(self.friction), 0.1, 2.0)
-        check_range("protocol.payload", self.payload, 0.0, 5.0, "kg")
 
     def speeds(self) -> tuple[float, ...]:
         """Every v* of the search, rising [m/s]."""
@@ -69,9 +69,9 @@ class ProtocolSettings:
         random = np.random.default_rng((seed, 1))
         return TrialSettings(
             seed=seed,
-            joint_noise=self.joint_noise,
-            friction=float(random.uniform(*self.friction)),
-            payload=float(random.uniform(-self.payload, self.payload)),
+            joint_noise=JOINT_NOISE,
+            friction=float(random.uniform(*FRICTION)),
+            payload=float(random.uniform(-PAYLOAD, PAYLOAD)),
         )
 
     def requests(self, top_speed: float, self_paced: bool) -> list[TrialRequest]:
@@ -86,12 +86,8 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], SpeedResult
 
     Running and stopping are two results: where a robot runs and does not come to rest the search goes on.
 
-    Args:
-        settings: grid, first pass, lowest and highest speed.
-        run: tries one speed [m/s].
-
     Returns:
-        What ``run`` gave, by rising speed.
+        What ``run``, which tries one speed [m/s], gave, by rising speed.
     """
     speeds = settings.speeds()
     stride = 1 if settings.first_step is None else round(settings.first_step / settings.grid)
@@ -136,11 +132,7 @@ def run_protocol(
 ) -> ProtocolResult:
     """Search the highest speed: rising v*, up to the first at which too many trials fall.
 
-    Args:
-        pool: policy, robot and processes.
-        self_paced: hold the command near the measured speed, as ``self_paced`` does.
-        settings: grid, seeds, number of trials.
-        progress: called with the result of every speed.
+    ``progress`` is called with the result of every speed.
 
     Raises:
         SimulationError: as ``run_trial``.

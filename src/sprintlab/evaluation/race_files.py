@@ -41,12 +41,7 @@ def write_race(
 ) -> None:
     """Write the report of a race.
 
-    Args:
-        target: where to write, kept free by ``reserved_directory``.
-        result: the race.
-        robot: that ran.
-        facts: what ``race_facts`` gave.
-        progress: called with what is being done.
+    ``reserved_directory`` keeps the target free; the facts are those of ``race_facts``.
 
     Raises:
         SprintlabError: the disk is full; nothing half-written is left.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle
+from sprintlab.commands import heading_angle, in_heading_frame
 from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.motor_steps import MotorSteps
@@ -21,7 +21,7 @@ class Recorder:
     """Samples of one trial.
 
     Args:
-        plant: that is simulated; it has not moved yet.
+        plant: which has not moved yet.
         capacity: greatest number of samples.
     """
 
@@ -90,14 +90,11 @@ class Recorder:
             SimulationError: an array holds a value that is not finite; the message names it and the time.
         """
         raw = {name: values[: self._count] for name, values in self._raw.items()}
-        quaternion = raw["qpos"][:, 3:7]
-        heading = np.unwrap(heading_angle(quaternion))
+        heading = np.unwrap(heading_angle(raw["qpos"][:, 3:7]))
         trajectory = Trajectory(
             **{name: values for name, values in raw.items() if name in Trajectory.__dataclass_fields__},
             velocity=in_heading_frame(raw["qvel"], heading),
-            height=raw["qpos"][:, 2],
             angular_velocity=raw["qvel"][:, 3:6],
-            tilt=tilt_angle(quaternion),
             heading=heading,
             joint_position=raw["qpos"][:, self._joint_position],
             joint_velocity=raw["qvel"][:, self._joint_velocity],

@@ -92,12 +92,8 @@ def render_report(
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere.
 
-    Args:
-        result: the race.
-        robot: the robot that ran it.
-        pictures: from ``draw_pictures``.
-        facts: name and value pairs that say how to repeat it (command, versions, policy).
-        replay: name of the interactive page beside the report; no link when left out.
+    ``facts`` are pairs of name and value that say how to repeat it; ``replay`` is the name of the interactive
+    page beside the report, to which there is no link when it is left out.
     """
     fault = engine_fault(result)
     return page_template("report.html.j2").render(

@@ -41,9 +41,7 @@ class Trajectory:
     profile_speed: Array  # (T,) [m/s] that the profile asks for, before self-pacing
     command: Array  # (T, 3) what the policy was given: forward, left [m/s], yaw rate [rad/s]
     velocity: Array  # (T, 2) base velocity in the heading frame: forward, left [m/s]
-    height: Array  # (T,) of the base above the ground [m]
     angular_velocity: Array  # (T, 3) base, body frame: roll, pitch, yaw rate [rad/s]
-    tilt: Array  # (T,) angle between the trunk's vertical and the world's [rad]
     heading: Array  # (T,) yaw angle, unwrapped [rad]
     joint_position: Array  # (T, joints) [rad]
     joint_velocity: Array  # (T, joints) joint side [rad/s]; times the gear ratio = motor speed

@@ -139,11 +139,8 @@ def run_study(
 ) -> list[Run]:
     """Run what is not in the folder yet; more ``trials`` than before go on with the same study.
 
-    Args:
-        pool: policy, robot and processes; the hash of the policy's file names the study.
-        settings: what is run.
-        folder: one file a sprint is written here; made where it is missing.
-        progress: called after every sprint with how many are done, and of how many.
+    One file per sprint is written to the folder; ``progress`` is called after each with how many are done,
+    and of how many.
 
     Raises:
         SprintlabError: the folder holds another study, the disk refuses, or as ``run_sprint``.

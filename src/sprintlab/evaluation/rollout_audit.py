@@ -1,7 +1,7 @@
 """What the motors say of a recorded rollout: torque that they cannot give, over-speed, power, heat, stances.
 
-Needs joint velocities and torques only; with feet it also tells of slip and of stances shorter than the
-policy's period. Nothing is simulated: the numbers are the motor law over the recorded samples.
+Needs joint velocities and torques only; with feet it also tells of slip and stances. Nothing is
+simulated: the numbers are the motor law over the recorded samples.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
 from sprintlab.evaluation.figures import draw_cloud
 from sprintlab.evaluation.metrics import stances
@@ -59,7 +59,6 @@ class RolloutVerdict:
     speed: float | None  # mean forward speed [m/s]
     slip: float | None  # mean distance that a foot slides in one stance [m]
     stance: float | None  # median duration of a stance [s]; None where no whole one was recorded
-    stance_periods: float | None  # the same over the policy's period [-]; below 1 no action can act in it
     unused_feet: tuple[str, ...]  # feet that never touch the ground
 
     @property
@@ -78,15 +77,14 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"
 
 
-def audit_rollout(rollout: Rollout, motors: JointMotors, policy_rate: float = 50.0) -> RolloutVerdict:
+def audit_rollout(rollout: Rollout, motors: JointMotors) -> RolloutVerdict:
     """Compare a rollout with its motors.
 
-    The motors are one for all joints or by joint name; ``policy_rate`` [Hz] is for the stances.
+    The motors are one for all joints or by joint name.
 
     Raises:
-        InvalidValueError: the rate is not positive, or the names of joints and motors do not fit.
+        InvalidValueError: the names of joints and motors do not fit.
     """
-    check_positive("policy_rate", policy_rate, "Hz")
     motors = motors.ordered(rollout.joint_names or rollout.names)
     velocity, torque = rollout.joint_velocity, rollout.joint_torque
     lower, upper = joint_envelope(motors, velocity)
@@ -118,7 +116,6 @@ def audit_rollout(rollout: Rollout, motors: JointMotors, policy_rate: float = 50
         speed=None if rollout.base_velocity is None else float(rollout.base_velocity[:, 0].mean()),
         slip=slip,
         stance=stance,
-        stance_periods=None if stance is None else stance * policy_rate,
         unused_feet=_unused_feet(rollout),
     )
 

@@ -83,7 +83,7 @@ def simulate_commands(
         robot: its description.
         time: ``(P,)`` of the commands, rising from zero [s].
         forward: ``(P,)`` commanded forward speed [m/s].
-        hold: interval that counts as the hold [s].
+        hold: start and end of what counts as the hold [s].
 
     Raises:
         SprintlabError: as ``run_trial``.

@@ -102,13 +102,7 @@ def achieved(trajectory: Trajectory) -> tuple[float, float]:
 def run_cases(
     pool: TrialPool, cases: Sequence[Case], progress: Progress = lambda *_: None, folder: Path | None = None
 ) -> list[Run]:
-    """Run what is not in the folder yet, in the order of the cases.
-
-    Args:
-        pool: policy, robot and processes.
-        cases: what is run.
-        progress: called after every run.
-        folder: one file a run is written here; None keeps none.
+    """Run what is not in the folder yet, in the order of the cases; None keeps no files.
 
     Raises:
         SprintlabError: a file in the folder cannot be read, or the disk refuses.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,6 @@ class TrialSettings:
     joint_offset: float = 0.0  # half-width of the errors of the encoders' zeros, drawn once [rad], to 0.2
     sensor_noise: float = 0.0  # uniform noise on each reading, over that of ``SENSOR_NOISE``, to 10
     push_speed: float = 0.0  # by which a push changes the trunk's velocity, any direction [m/s], to 5
-    push_interval: float = 3.0  # mean time between two pushes [s]
 
     def __post_init__(self) -> None:
         check_range("trial.seed", self.seed, 0, 2**32 - 1)
@@ -40,7 +39,6 @@ class TrialSettings:
         check_range("trial.joint_offset", self.joint_offset, 0.0, 0.2, "rad")
         check_range("trial.sensor_noise", self.sensor_noise, 0.0, 10.0)
         check_range("trial.push_speed", self.push_speed, 0.0, 5.0, "m/s")
-        check_positive("trial.push_interval", self.push_interval, "s")
 
 
 JOINT_NOISE = 0.05
