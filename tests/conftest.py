@@ -6,7 +6,6 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -100,18 +99,6 @@ def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sprintlab runs from a source tree: the package has no metadata, all others have theirs."""
-    known = metadata.version
-
-    def version(name: str) -> str:
-        if name == "sprintlab":
-            raise metadata.PackageNotFoundError(name)
-        return known(name)
-
-    monkeypatch.setattr(metadata, "version", version)
-
-
 @pytest.fixture
 def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop in this process locks none: all that was ever imported or mapped would become resident."""

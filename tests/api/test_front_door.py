@@ -2,7 +2,6 @@
 
 import ast
 import json
-import math
 import runpy
 import shutil
 import subprocess
@@ -106,17 +105,6 @@ def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, cap
     assert (tmp_path / "runs/quickstart-race/report.html").is_file()
 
 
-def test_a_script_without_a_guard_is_told_so_once(tmp_path):
-    unguarded = (
-        "import sprintlab as sl\nprint('read')\nsl.race('go1-sprint', top_speed=1.0, trials=1, workers=2)\n"
-    )
-    (tmp_path / "script.py").write_text(unguarded, encoding="utf-8")
-    result = run_python("script.py", folder=tmp_path)
-    assert result.returncode == 1
-    assert result.stderr.count('if __name__ == "__main__"') == 1
-    assert "bootstrapping" not in result.stderr
-
-
 @pytest.mark.usefixtures("brief_trials")
 def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
     pytest.importorskip("torch")
@@ -151,22 +139,3 @@ def test_a_notebook_shows_a_result_once(monkeypatch):
     found = sl.policies()
     assert "sprint" in str(found) and "sprint" in found._repr_mimebundle_()["text/html"]
     assert shown == []
-
-
-@pytest.mark.parametrize("value", (math.nan, b"x"), ids=repr)
-@pytest.mark.parametrize(
-    ("function", "name"),
-    [
-        (sl.race, "policy"),
-        (sl.race, "seed"),
-        (sl.race, "drive"),
-        (sl.envelope, "points"),
-        (sl.train, "robot"),
-    ],
-)
-def test_an_argument_of_another_kind_is_told_in_one_sentence(function, name, value, tmp_path, monkeypatch):
-    """As a file of JSON may have it."""
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SprintlabError):
-        function(**{name: value})
-    assert not list(tmp_path.iterdir())

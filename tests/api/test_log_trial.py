@@ -1,19 +1,13 @@
 """A log as a trial: what is drawn of it, and which logs hold nothing that could be drawn."""
 
-from types import SimpleNamespace
-
 import msgspec
 import numpy as np
 import pytest
 from tests.deployment.log.test_log import FACTS, tick
 
-import sprintlab as sl
 from sprintlab.api.log_trial import logged_run
-from sprintlab.control import shipped_policy
-from sprintlab.core.errors import UnwrittenError
 from sprintlab.deployment.log import LogError, McapRunLog, read_log
 from sprintlab.robots import load_robot
-from sprintlab.robots.loader import robot_table_path
 
 pytest.importorskip("mcap")
 ROBOT = load_robot("bp2")
@@ -56,36 +50,3 @@ def test_what_cannot_be_drawn_is_refused_in_one_sentence(tmp_path, changes, matc
     with pytest.raises(LogError, match=match) as refusal:
         run_of(tmp_path / "run.mcap", **changes)
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("facts", "said"),
-    [
-        (
-            {"robot": str(robot_table_path("bp2"))},
-            r"run\.mcap is for robot .*parameters\.toml', unknown here",
-        ),
-        (
-            {"robot": "bp2", "policy": str(shipped_policy("sprint"))},
-            r"run\.mcap is of policy .*sprint\.onnx', unknown here",
-        ),
-    ],
-)
-def test_a_log_does_not_say_which_file_is_read(tmp_path, monkeypatch, facts, said):
-    """Only the names of known robots and policies count there: a path is refused."""
-    record = SimpleNamespace(facts=facts)
-    monkeypatch.setattr("sprintlab.deployment.log.read_log", lambda path: record)
-    with pytest.raises(sl.SprintlabError, match=said):
-        sl.report(tmp_path / "run.mcap", output=tmp_path / "report")
-
-
-def test_the_numbers_of_a_report_are_not_lost_with_it(tmp_path, monkeypatch):
-    def full(*_):
-        raise UnwrittenError("cannot write report.html: No space left on device")
-
-    monkeypatch.setattr("sprintlab.core.files.atomic_write_json", full)
-    run_of(tmp_path / "run.mcap")
-    with pytest.raises(UnwrittenError, match="No space left") as refused:
-        sl.report(tmp_path / "run.mcap", output=tmp_path / "report", simulation=False)
-    assert refused.value.found.to_dict()["folder"] is None and "held speed" in str(refused.value.found)
-    assert not (tmp_path / "report").exists()

@@ -55,15 +55,3 @@ def test_a_gpu_that_pytorch_cannot_use_is_a_fault(call, monkeypatch):
     assert outcome.status == 1 and found["GPU driver"]["state"] == "ok"
     assert (found["CUDA"]["state"], found["CUDA"]["found"]) == ("broken", "RuntimeError: no GPU here")
     assert "pytorch.org" in found["CUDA"]["advice"]
-
-
-def test_a_full_or_read_only_disk_is_a_fault(tmp_path, monkeypatch):
-    assert doctor.room_at(tmp_path / "not" / "yet")[0] == "ok"
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    assert "is a file" in doctor.room_at(tmp_path / "file")[1]
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda place: usage(1e12, 1e12, 2e8))
-    state, found, _ = doctor.room_at(tmp_path)
-    assert (state, found.split(" free")[0]) == ("broken", "0.2 GB")
-    monkeypatch.setattr(doctor.os, "access", lambda place, mode: False)
-    assert "read-only" in doctor.room_at(tmp_path)[1]

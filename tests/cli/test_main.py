@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib import metadata
 
 import pytest
 
@@ -25,12 +24,6 @@ def test_what_is_typed_arrives_as_the_function_takes_it(call):
     assert (given["methods"], given["set"]) == (("acs", "baseline"), ("a=1", "b=2"))
     missing = call("export")
     assert missing.status == 2 and "required" in missing.err
-
-
-@pytest.mark.parametrize("name", ["evaluate", "turning", "lap", "ground"])
-def test_what_takes_minutes_asks_for_the_policy(name, call):
-    assert "POLICY" in call(name).err.upper()
-    assert parse([name, "sprint"])[1]["policy"] == "sprint"
 
 
 def test_a_result_is_printed_also_where_its_file_cannot_be_written(capsys):
@@ -99,10 +92,6 @@ def test_nothing_typed_shows_the_commands_and_is_no_success(call):
 def test_a_mistyped_word_is_answered_with_the_nearest(typed, meant, call):
     outcome = call(*typed.split())
     assert outcome.status == 2 and meant in outcome.err and len(outcome.err.splitlines()) == 1
-
-
-def test_the_version_is_that_of_the_package(call):
-    assert call("--version") == (0, f"sprintlab {metadata.version('sprintlab')}\n", "")
 
 
 def test_a_reader_that_leaves_early_is_no_error():

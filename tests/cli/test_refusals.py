@@ -126,13 +126,6 @@ def test_refused_before_any_work(refusals, words: str, said: str) -> None:
     assert {*after} - {"runs"} == before
 
 
-def test_a_rollout_that_is_none_is_refused(call, tmp_path):
-    (tmp_path / "broken.mcap").write_bytes(b"no log")
-    for name in ("none.npz", "broken.mcap"):
-        outcome = call("audit", tmp_path / name, "--motor", "bp2")
-        assert outcome.status == 2 and outcome.err.count("\n") == 1 and name in outcome.err
-
-
 @pytest.mark.parametrize(
     ("command", "package", "extra"),
     [("train bp2", "torch", "train"), ("sweep runs", "torch", "train"), ("play", "viser", "play")],

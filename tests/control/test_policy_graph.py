@@ -9,8 +9,6 @@ from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.core.errors import PolicyFileError
 
-INPUT = load_policy(shipped_policy()).layout.input_size
-
 
 def constant(name, values, kind=np.int64):
     return numpy_helper.from_array(np.array(values, dtype=kind), name)

@@ -98,32 +98,26 @@ def test_long_shank_is_a_robot(example):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_trials")
-@pytest.mark.parametrize("heading", ["A command schedule", "A reward term", "A robot"])
-def test_what_is_ones_own_trains_exports_and_races(heading, example, tmp_path, monkeypatch):
+def test_what_is_ones_own_trains_exports_and_races(example, tmp_path, monkeypatch):
+    """Schedule, reward term and robot in one training of two robots."""
     pytest.importorskip("torch")
     from sprintlab.api.evaluations import protocol_settings
     from sprintlab.api.training import train
     from sprintlab.evaluation.race import evaluate_race
     from sprintlab.training.runs.checkpoint import read_checkpoint
-    from sprintlab.training.settings import TrainingSettings
 
-    names = example(heading)
+    names = example("A command schedule") | example("A reward term") | example("A robot")
     monkeypatch.setitem(sys.modules, "example", types.SimpleNamespace(**names))
-    settings = {
-        "A command schedule": lambda: TrainingSettings(schedule=names["StaircaseSchedule"]()),
-        "A reward term": lambda: names["settings"],
-        "A robot": lambda: TrainingSettings(robot="longshank"),
-    }[heading]()
-    tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
+    own = replace(names["settings"], schedule=names["StaircaseSchedule"](), robot="longshank")
+    own = replace(own, ppo=replace(own.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,)))
     options = {"iterations": 1, "environments": 2, "device": "cpu", "fused": False, "plain": True}
-    trained = train(replace(settings, ppo=tiny), output=tmp_path / "run", **options)
+    trained = train(own, output=tmp_path / "run", **options)
     kept = read_checkpoint(trained.checkpoint)
-    assert replace(kept["settings"], ppo=settings.ppo).schedule == settings.schedule
-    assert kept["settings"].reward == settings.reward
-    assert set(f"reward/{name}" for name in settings.reward) <= set(kept["progress"].log[0])
-    robot, brief = load_robot(settings.robot), protocol_settings(1, 0)
+    assert kept["settings"].schedule == own.schedule and kept["settings"].reward == own.reward
+    assert set(f"reward/{name}" for name in own.reward) <= set(kept["progress"].log[0])
+    robot, brief = load_robot("longshank"), protocol_settings(1, 0)
     result = evaluate_race(trained.policy, robot, top_speed=0.5, distance=0.05, settings=brief, workers=1)
-    assert result.robot == settings.robot
+    assert result.robot == "longshank"
 
 
 def test_a_schedule_that_lacks_something_is_refused():

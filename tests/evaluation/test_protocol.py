@@ -3,9 +3,6 @@
 import hashlib
 import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
@@ -183,35 +180,3 @@ def test_who_is_interrupted_does_not_wait_for_what_runs():
             time.sleep(0.01)
         raise KeyboardInterrupt
     assert isinstance(started.exception(), BrokenProcessPool)
-
-
-KILLED = """
-import os, signal, sys, time
-from sprintlab.evaluation.pool import WorkerProcesses
-
-if __name__ == "__main__":
-    processes = WorkerProcesses(2)
-    print(processes._executor.submit(os.getpid).result(), flush=True)
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_workers_end_with_a_process_that_is_killed(tmp_path):
-    script = tmp_path / "killed.py"
-    script.write_text(KILLED)
-    done = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, text=True, timeout=300)
-    worker = int(done.stdout)
-    assert done.returncode == -signal.SIGKILL
-    for _ in range(2000):
-        if not alive(worker):
-            return
-        time.sleep(0.05)
-    pytest.fail("the worker lives on")
-
-
-def alive(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True

@@ -13,7 +13,6 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation import figures, report
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.metrics import on_envelope
-from sprintlab.evaluation.report_text import battery_text, result_rows
 from sprintlab.evaluation.results import (
     RaceResult,
     SpeedResult,
@@ -120,10 +119,6 @@ def test_what_cannot_be_drawn_is_refused(trial, make_trial):
         require_finite(replace(trial.trajectory, joint_velocity=broken))
 
 
-def rows_by_name(race):
-    return {row.name: row for row in result_rows(race)}
-
-
 def test_what_qualifies_a_speed_stands_in_the_numbers_and_in_the_report(race, robot, trial, make_trial):
     def but(**values):
         return replace(trial, metrics=replace(trial.metrics, **values))
@@ -143,25 +138,8 @@ def test_what_qualifies_a_speed_stands_in_the_numbers_and_in_the_report(race, ro
         assert words in report.render_report(changed, robot, []) and words not in plain
 
 
-def test_the_battery_row_says_speed_voltage_and_windings(race, make_trial):
-    name = "held speed on battery, windings warm"
-    assert name not in rows_by_name(race) and race.to_dict()["battery"] is None
-    trial = make_trial(held_speed=9.5, lowest_bus_voltage=47.25, hottest_winding=88.4)
-    raced = replace(race, battery=trial)
-    assert rows_by_name(raced)[name].raw == battery_text(trial) == "9.50 (down to 47.2 V, up to 88 °C)"
-    numbers = raced.to_dict()["battery"]
-    assert (numbers["held_speed_m_s"], numbers["lowest_bus_voltage_V"]) == (9.5, 47.25)
-
-
 def test_a_race_of_which_nothing_is_known_has_no_nan_in_its_report(race, robot, make_trial):
     fallen = replace(race.raw, trials=(make_trial(completed=False),))
     unfinished = replace(race.sprint, time=float("nan"))
     lost = replace(race, raw=fallen, self_paced=fallen, sprint=unfinished, sprint_self_paced=unfinished)
     assert "nan" not in report.render_report(lost, robot, [])
-
-
-def test_results_carry_their_spread(race, trial):
-    faster = replace(trial, metrics=replace(trial.metrics, held_speed=trial.metrics.held_speed + 1.0))
-    rows = rows_by_name(replace(race, raw=replace(race.raw, trials=(trial, faster))))
-    assert rows["held speed"].raw == f"{trial.metrics.held_speed + 0.5:.2f} ± 0.71"
-    assert "±" not in rows["held speed"].self_paced  # one completed trial has no spread

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import SprintlabError
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.ground import ground_cases, ground_numbers
 from sprintlab.evaluation.pool import TrialPool
@@ -105,22 +104,6 @@ def test_killed_and_resumed_equals_uninterrupted(pool, tmp_path):
     assert told == [(2, 3), (3, 3)]
     more = run_study(pool, replace(SHORT, trials=4), tmp_path / "cut")
     assert more[:3] == whole and len(more) == 4
-
-
-@pytest.mark.usefixtures("short_trials")
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("all-000001.json", '{"group": "all", "seed": "one"}', r"all-000001\.json.*remove it"),
-        ("study.json", "[]", "tells of no study"),
-        ("study.json", '{"top_speed": 3.0}', "another policy"),
-    ],
-)
-def test_a_folder_with_a_damaged_file_or_of_another_study_is_refused(pool, tmp_path, name, text, said):
-    run_study(pool, replace(SHORT, trials=1), tmp_path)
-    (tmp_path / name).write_text(text)
-    with pytest.raises(SprintlabError, match=said):
-        run_study(pool, SHORT, tmp_path)
 
 
 def test_shares_quantiles_and_costs_of_made_up_sprints():

@@ -2,7 +2,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import PmsmParameters, load_motor, save_motor
 
 GOOD = """[motor]
@@ -48,8 +48,3 @@ def test_bad_file_is_refused_with_field_value_and_what_is_allowed(motor_file, su
     with pytest.raises(InvalidValueError, match=message) as caught:
         load_motor(path)
     assert str(path) in str(caught.value)
-
-
-def test_no_toml_is_refused(motor_file):
-    with pytest.raises(SprintlabError, match="not a TOML file"):
-        load_motor(motor_file("motor: {pole_pairs: 21}"))

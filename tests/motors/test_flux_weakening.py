@@ -26,10 +26,6 @@ BUSES = st.floats(15.0, 100.0)
 SPEED_SHARES = st.floats(-4.0, 4.0)  # of the no-load speed
 
 
-def current_limit(motor):
-    return motor.peak_torque / motor.torque_constant
-
-
 def voltages(motor, direct, quadrature, speed):
     """v_d and v_q in the steady state, written down afresh."""
     electrical, inductance = motor.pole_pairs * speed, motor.q_axis_inductance

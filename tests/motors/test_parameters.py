@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import Battery, Gear, I2tLimit, WindingHeat, stack_motors
+from sprintlab.motors import Battery, Gear, I2tLimit, WindingHeat
 
 IMPOSSIBLE = {
     "pole_pairs": [0, 2.5, math.nan],
@@ -33,11 +33,6 @@ def test_impossible_value_is_refused_by_name(surrogate, field):
 def test_wrong_prefix_is_explained(surrogate):
     with pytest.raises(InvalidValueError, match=r"L / R is 0\.0774 s.*henry"):
         dataclasses.replace(surrogate, q_axis_inductance=0.009)
-
-
-def test_stack_keeps_order(surrogate):
-    strong = dataclasses.replace(surrogate, peak_torque=18.0)
-    np.testing.assert_array_equal(stack_motors([surrogate, strong]).peak_torque, [15.0, 18.0])
 
 
 GEAR = {"ratio": 6.0, "efficiency": 0.95}

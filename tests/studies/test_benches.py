@@ -7,13 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from studies.benches import heat
-from studies.benches.__main__ import main
-from studies.benches.data import columns, shaft
 from studies.benches.laws import compared, gear_laws, saturation_laws
-from studies.benches.predictions import PEAK_CURRENT, STATED_CONSTANT, Split, accuracy, predicted
+from studies.benches.predictions import PEAK_CURRENT, STATED_CONSTANT, Split, predicted
 
-from sprintlab.core.errors import SprintlabError
-from sprintlab.motors import HousedHeat, warmed_with_housing
 from sprintlab.workbench.identification import Bench
 
 CONSTANT, SATURATION, COULOMB, VISCOUS = 0.032, 0.2, 0.03, 5e-5
@@ -74,12 +70,6 @@ def test_the_law_of_two_frictions_is_an_efficiency_and_another_torque_constant(a
         np.testing.assert_allclose(laws["efficiency (ours)"].torque(*ours), expected, atol=1e-12)
 
 
-def test_accuracy_is_of_the_largest_torque():
-    found = accuracy(np.array([0.0, -10.0, 10.0, 0.0]), np.array([1.0, -9.0, 11.0, 1.0]))
-    assert found["rms"] == found["median"] == found["bias"] == 1.0
-    assert found["share_of_largest"] == 0.1 and found["rows"] == 4
-
-
 def heating(seed, parameters, levels):
     current = np.repeat(levels, 60).astype(float)
     blank = heat.Run(name="run", current=current, temperature=np.full(len(current), 25.0), ambient=22.0)
@@ -101,35 +91,3 @@ def test_temperatures_are_predicted_by_the_nodes_that_made_them(parameters):
     if nodes == 2:
         worse = heat.simulated(heat.fitted(known, 1).tolist(), other) - other.temperature
         assert np.sqrt(np.mean(worse**2)) > 1.0
-
-
-def test_two_nodes_are_those_of_the_product():
-    """A winding of 29 s on a body of 766 s, about those of the AK10-9, without copper's coefficient."""
-    gain, constant, ratio, body, current = 1.8e-3, 29.0, 5.4, 766.0, 15.0
-    run = heat.Run(name="run", current=np.full(600, current), temperature=np.full(600, 22.0), ambient=22.0)
-    model = HousedHeat(
-        heat_capacity=50.0,
-        thermal_resistance=constant / 50.0,
-        housing_heat_capacity=ratio * 50.0,
-        housing_thermal_resistance=body / (ratio * 50.0),
-        ambient_temperature=22.0,
-    )
-    loss = 50.0 * gain * current**2
-    found = heat.simulated((gain, constant, ratio, body), run) - 22.0
-    for second in (30, 100, 599):
-        expected = float(warmed_with_housing(model, 22.0, 22.0, loss, second)[0]) - 22.0
-        assert expected < found[second] < 1.25 * expected  # copper that warms gives more heat
-
-
-def test_missing_data_are_named_with_the_command_that_makes_them(tmp_path, capsys):
-    with pytest.raises(SprintlabError, match=r"fetch_bench_data\.py ri50"):
-        shaft(tmp_path, "stall-april-1")
-    assert main([str(tmp_path)]) == 2
-    assert "is missing" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("content", [b"a,b\n1,x\n", b"a,b\n1\n2,3\n", b"", b"a\n\xff\n"])
-def test_a_damaged_table_is_refused(tmp_path, content):
-    (tmp_path / "t.csv").write_bytes(content)
-    with pytest.raises(SprintlabError, match=r"t\.csv"):
-        columns(tmp_path, "t.csv")

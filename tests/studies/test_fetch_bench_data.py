@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from tools import fetch_bench_data as fetch
 
-from sprintlab.core.errors import SprintlabError
-from sprintlab.workbench.identification import is_log, load_bench
+from sprintlab.workbench.identification import load_bench
 
 FUTEK = """# Test started at Tue Jan 01 00:00:00 2030
 # kt_1 = 0.1; kt_2 = 0.1
@@ -46,23 +45,6 @@ run = TemperatureDataset(filepath = './data/runA.csv', initialTemperature = 22.8
 """
 
 
-def held(values, phase, rows=fetch.HOLD):
-    """Each value for ``rows`` rows, the first for ``phase`` rows only."""
-    return np.repeat(values, rows)[rows - phase :]
-
-
-def joint_log(phase):
-    """A made-up 1 kHz log: current and speed change together, the torque a row later."""
-    current = held(np.arange(8) * 2.0, phase)
-    torque = np.concatenate(([0.0], current[:-1])) * 3.0
-    rows = ["t,torDes,posDes,velDes,torAct,posAct,velAct,accelAct,i,velErr,posErr,torKdEst,torEst,i2t"]
-    rows += [
-        f"{index * 0.001},0,0,0,{load},0,{amperes / 10},0,{amperes},0,0,0,0,0"
-        for index, (amperes, load) in enumerate(zip(current, torque, strict=True))
-    ]
-    return "\n".join(rows)
-
-
 def saved(tmp_path, table, name="bench.csv"):
     path = tmp_path / name
     path.write_text(fetch.table_text(fetch.SOURCES["ri50"], "log.csv", table), encoding="utf-8")
@@ -86,42 +68,11 @@ def test_a_shaft_with_two_drives_becomes_a_bench_for_each_motor_and_role(tmp_pat
     assert load_bench(saved(tmp_path, tables["log-2"])).size == 4
 
 
-def test_units_in_a_line_of_their_own_become_headings(tmp_path):
-    bench = load_bench(saved(tmp_path, fetch.d5065_tables(ODRIVE, "points")["points"]))
-    np.testing.assert_allclose(bench.torque, [-1.093, -0.0152])
-    np.testing.assert_allclose(bench.current, [-37.5, -1.6])
-    np.testing.assert_allclose(bench.speed, [-10.4, 10.6])
-    np.testing.assert_allclose(bench.d_current, [0.1, 0.2])
-    np.testing.assert_allclose(bench.power, [72.0, 4.75])
-    np.testing.assert_allclose(bench.bus_voltage, [48.0, 47.5])
-
-
-@pytest.mark.parametrize("phase", [1, 15])
-def test_one_row_per_update_of_a_held_signal_is_left(tmp_path, phase):
-    bench = load_bench(saved(tmp_path, fetch.hej90_tables(joint_log(phase), "joint")["joint"]))
-    assert len(np.unique(bench.current)) == bench.size
-    if phase == 1:  # where the torque of the first update comes after it is over
-        bench = dataclasses.replace(bench, torque=bench.torque[1:], current=bench.current[1:])
-    np.testing.assert_allclose(bench.torque, 3.0 * bench.current)
-    np.testing.assert_allclose(np.diff(bench.time), 0.015)
-    assert not is_log(bench, 0.02)
-
-
 def test_currents_are_read_out_of_code_that_is_not_run():
     table = fetch.ak_profiles(PROFILES)["runA-current"]
     np.testing.assert_allclose(table["until [s]"], [40.0, 80.0, 120.0, 1e9])
     np.testing.assert_allclose(table["current [A]"], [16.5, 0.0, 14.0, 0.0])
     np.testing.assert_allclose(table["ambient [degC]"], 21.3)
-
-
-def test_temperatures_with_stray_tabs_and_marks_are_read():
-    table = fetch.ak_tables('\ufefftime,temperature\n0,22.8\n1,"\t22.9"\n', "run")["run"]
-    np.testing.assert_allclose(table["temperature [degC]"], [22.8, 22.9])
-
-
-def test_text_among_the_numbers_is_refused():
-    with pytest.raises(SprintlabError, match="no number"):
-        fetch.d5065_tables(ODRIVE.replace("-1093.0", "n/a"), "points")
 
 
 def git(folder, *arguments):

@@ -1,7 +1,6 @@
 """The comparison of actuators in mjlab: what carries a policy from mjlab to our plant loses nothing."""
 
 import importlib.util
-import json
 
 import mujoco
 import numpy as np
@@ -13,8 +12,6 @@ if importlib.util.find_spec("mjlab") is None:
 
 from studies.mjlab_speed import judge as study
 from studies.mjlab_speed import train as training
-from studies.mjlab_speed.__main__ import main
-from studies.mjlab_speed.page import page, text
 
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import match_joints
@@ -120,48 +117,6 @@ def test_the_data_sheets_motor_in_mjlab_is_the_line_in_the_plant():
             wanted = stock.stiffness * (data.ctrl[at] - data.qpos[joint.qposadr[0]]) - stock.damping * speed
             expected = law(np.full(12, wanted), np.full(12, speed)).torque[2 if calf else 0]
             assert data.qfrc_actuator[joint.dofadr[0]] == pytest.approx(expected, rel=1e-3, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_runs_are_packed_judged_and_make_a_page(trained, tmp_path, capsys):
-    _, _, path = trained
-    folder = tmp_path / "work" / "refined-1"
-    folder.mkdir(parents=True)
-    (folder / "policy.npz").write_bytes(path.read_bytes())
-    work = ["--work", str(tmp_path / "work"), "--actuators", "refined", "--seeds", "1", "--minutes", "0"]
-    for iterations, left in (("3", "refined-1 from iteration 2"), ("2", "nothing")):
-        main(["train", "--output", str(tmp_path / "results"), *work, "--iterations", iterations])
-        assert capsys.readouterr().out == f"left: {left}\n"
-    main(["judge", str(tmp_path / "results"), "--commands", "1", "--trials", "1", "--jobs", "1"])
-    found = json.loads((tmp_path / "results" / "refined-1" / "result.json").read_text())
-    assert [trial["law"] for trial in found["trials"]] == ["refined"]
-    (tmp_path / "docs" / "figures").mkdir(parents=True)
-    target = tmp_path / "docs" / "integrations.md"
-    target.write_text("before\n<!-- mjlab-speed -->\n<!-- /mjlab-speed -->\nafter\n")
-    page(tmp_path / "results", tmp_path / "docs")
-    assert "| `refined` |" in target.read_text() and target.read_text().endswith("after\n")
-    assert (tmp_path / "docs" / "figures" / "mjlab-speed.png").stat().st_size > 10_000
-
-
-def run_of(actuator, seed, promised, delivered, impossible):
-    """A judged run whose impossible share grows with the command."""
-    trials = [
-        {"law": actuator, "command": float(at), "impossible": impossible * (at > 3)} for at in (2, 3, 4, 5)
-    ]
-    parts = {"promised": {"speed": promised, "impossible": impossible}}
-    parts["delivered"] = {"speed": delivered, "falls": 0.0}
-    facts = {"actuator": actuator, "seed": seed, "iterations": 600, "environments": 4096}
-    return {**facts, "trials": trials, **parts}
-
-
-@pytest.mark.parametrize(("own", "said"), [(5.0, "more than any other"), (4.5, "no difference")])
-def test_the_section_says_what_was_promised_and_from_which_speed_it_is_missed(own, said):
-    runs = [run_of("stock", seed, 5.5, 4.0 + 0.3 * seed, 0.2) for seed in (1, 2, 3)]
-    runs += [run_of("refined", seed, own, own, 0.0) for seed in (1, 2, 3)]
-    written = text(runs)
-    assert "promised 5.5 m/s and its motors deliver 4.6 m/s; from 4 m/s on" in written
-    assert said in written and "6 trainings of 59 million steps" in written
-    assert "| `stock` | 5.50 (5.50 to 5.50) | 4.60 (4.30 to 4.90) | 20 % (20 % to 20 %) |" in written
 
 
 def test_the_speed_reached_is_that_of_a_command_most_trials_hold():

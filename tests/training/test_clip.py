@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 from PIL import Image
 from tensorboard.backend.event_processing import event_accumulator
 
@@ -49,10 +48,3 @@ def test_where_nothing_renders_there_are_no_clips(tmp_path: Path, monkeypatch) -
     assert clips.finished(WAIT) is None and not clips.working
     clips.begin(np.zeros((10, 7)), 2)
     assert clips.finished() is None and not (tmp_path / "clips").exists()
-
-
-@pytest.mark.parametrize("path", [np.full((10, 7), np.nan), np.zeros((0, 7))])
-def test_a_robot_without_a_path_is_not_rendered(tmp_path: Path, path: np.ndarray) -> None:
-    clips = Clips(tmp_path, "bp2")
-    clips.begin(path, 1)
-    assert clips.finished() is None and clips.working and not (tmp_path / "clips").exists()

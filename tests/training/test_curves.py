@@ -39,19 +39,6 @@ def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
     ]  # fmt: skip
 
 
-def test_curves_that_the_disk_refuses_stop_training_with_one_sentence(tmp_path: Path, monkeypatch) -> None:
-    board = Board(tmp_path, "bp2", 0)
-
-    def full(*_arguments) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(board._writer, "add_scalar", full)
-    monkeypatch.setattr(board._writer, "close", full)
-    with pytest.raises(SprintlabError, match="No space left on device"):
-        board.add({"iteration": 7.0, "speed": 1.0})
-    board.close()
-
-
 def test_a_run_has_curves_and_weights_and_biases_gets_them(tmp_path: Path, monkeypatch) -> None:
     calls = []
     fake = types.ModuleType("wandb")

@@ -32,18 +32,6 @@ def actor() -> Actor:
     return build_actor(SETTINGS, load_robot("bp2"))
 
 
-@pytest.mark.parametrize("layers", [1, 2, 20])
-def test_as_few_and_as_many_layers_as_settings_may_say_are_a_network(layers: int) -> None:
-    widths = (8,) * layers
-    estimator = replace(SETTINGS.estimator, encoder=widths)
-    settings = replace(SETTINGS, estimator=estimator, ppo=replace(SETTINGS.ppo, hidden=widths))
-    made = build_actor(settings, load_robot("bp2"))
-    action, estimate = made(torch.randn(3, HISTORY), torch.zeros(3, ESTIMATE_SIZE))
-    assert action.shape == (3, 12) and estimate.shape == (3, ESTIMATE_SIZE)
-    frame = made.estimator.decoder(torch.randn(3, ESTIMATE_SIZE + LATENT_SIZE))
-    assert frame.shape == (3, OBSERVATION.frame_size)
-
-
 def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
     generator = torch.Generator().manual_seed(1)
 

@@ -153,13 +153,6 @@ def test_a_run_writes_file_and_policy(tmp_path: Path) -> None:
     assert policy.contract.training.config_hash == again.digest()
 
 
-def test_how_long_a_run_takes(tmp_path: Path) -> None:
-    assert TrainOptions(device="cpu").default_length == RunLength(seconds=3600.0)
-    assert TrainOptions(device="cuda:0").default_length == RunLength(seconds=420.0)
-    assert TrainOptions(minutes=2.0, iterations=5).length == RunLength(iterations=5, seconds=120.0)
-    assert TrainOptions().length is None
-
-
 def test_a_cpu_trains_fewer_robots_and_smaller_networks_unless_told_otherwise() -> None:
     small, large = TrainOptions(device="cpu").full_settings(), TrainOptions(device="cuda:0").full_settings()
     assert (small.simulation.environments, large.simulation.environments) == (2048, 32768)

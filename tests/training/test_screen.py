@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 
 import pytest
 import torch
@@ -13,7 +12,7 @@ from tests.training.small import small_settings
 from sprintlab.training import exam as exam_module
 from sprintlab.training.runs import progress
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.runs.screen import count, screen
+from sprintlab.training.runs.screen import screen
 from sprintlab.training.runs.stopwatch import PARTS
 from sprintlab.training.settings import ExamSettings
 
@@ -56,16 +55,6 @@ def test_every_part_of_an_iteration_has_its_speed(row: dict[str, float]) -> None
     assert min(speeds) > 0.0 and max(speeds) > row["steps_per_second"]
 
 
-def test_the_length_of_ended_episodes_is_counted() -> None:
-    runner = Runner(replace(SETTINGS, exam=None), "cpu", "test")
-    environment = runner.environment
-    environment.episode_length_buf.fill_(99)
-    environment.episode_limit.fill_(100)
-    environment.advance()
-    assert environment.take_episode_length().read() == {"episode_length": pytest.approx(2.0)}
-    assert environment.take_episode_length().read() == {"episode_length": 0.0}
-
-
 def test_without_a_terminal_lines_come_now_and_then(row: dict[str, float], capsys) -> None:
     with progress.Reporter("", 0.0, None) as reporter:
         without = {name: value for name, value in row.items() if not name.startswith("exam/")}
@@ -75,7 +64,3 @@ def test_without_a_terminal_lines_come_now_and_then(row: dict[str, float], capsy
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == ["iteration 1", "exam at iteration 4", "iteration 4"]
     assert "left" in lines[0] and "limits failed" in lines[1]
-
-
-def test_large_numbers_are_short() -> None:
-    assert [count(number) for number in (7.0, 1234.0, 12.34e6, 5e9)] == ["7", "1.23 k", "12.3 M", "5 G"]

@@ -21,10 +21,3 @@ def test_pace_is_simulated_time_over_the_clock_s(pace):
     meter = PaceMeter()
     shown = [meter.after(pace * 0.033 * step, 0.033 * step) for step in range(100)]
     assert shown[-1] == pytest.approx(pace)
-
-
-def test_pace_forgets_what_is_older_than_a_second():
-    meter = PaceMeter()
-    for step in range(100):
-        paused = meter.after(min(0.1 * step, 2.0), 0.1 * step)
-    assert paused == 0.0

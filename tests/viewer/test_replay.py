@@ -105,40 +105,6 @@ def test_page_plays_scrubs_and_slows_down(tab, page_file):
     tab.wait_for_function("Number(document.getElementById('speed').textContent) > 1.0")
 
 
-def test_scene_is_drawn_and_moves(tab, page_file):
-    tab.goto(page_file.as_uri())
-    tab.wait_for_function("window.replay !== undefined")
-    picture = "document.getElementById('scene').toDataURL()"
-    before = tab.evaluate(picture)
-    for moment in (0.2, 1.0, 1.4):
-        tab.evaluate(GO_TO, moment)
-        tab.wait_for_function(f"before => {picture} !== before", arg=before)
-        before = tab.evaluate(picture)
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "scheme"), [(390, 780, "light"), (760, 400, "dark"), (1280, 720, "dark")]
-)
-def test_every_window_shows_numbers_robot_and_knobs_without_a_network(
-    browser, page_file, width, height, scheme
-):
-    size = {"width": width, "height": height}
-    context = browser.new_context(viewport=size, color_scheme=scheme, offline=True)
-    context.set_default_timeout(180_000)
-    tab, asked = context.new_page(), []
-    tab.on("request", lambda request: asked.append(request.url))
-    tab.goto(page_file.as_uri())
-    tab.wait_for_function("window.replay !== undefined && replay.state.now > 0.1")
-    head, foot = (tab.locator(name).bounding_box() for name in ("header.panel", "footer.panel"))
-    assert head["x"] + head["width"] <= width
-    assert foot["y"] + foot["height"] <= height
-    assert foot["y"] - head["y"] - head["height"] > 0.35 * height  # room between them for the robot
-    tops = {round(box.bounding_box()["y"]) for box in tab.locator("#numbers b").all()}
-    assert len(tops) == 1
-    assert asked == [page_file.as_uri()]
-    context.close()
-
-
 # --- clock and ghosts -----------------------------------------------------------------------------------
 
 
@@ -190,15 +156,6 @@ def test_ghosts_run_on_neighbouring_lanes_with_live_gaps(tab, ghosts, recorded):
     assert behind[0] - behind[1] == pytest.approx(float(expected[0][1] - expected[0][0]), abs=0.11)
     tab.evaluate(GO_TO, 1e9)
     assert tab.evaluate("replay.gaps()")[0].endswith(" s")
-
-
-def test_a_lap_is_shown_against_the_record_over_its_distance(recorded, tmp_path):
-    """A recording of `sprintlab lap` has no numbers of a race beside it."""
-    far = recorded["qpos"].copy()
-    far[:, 1] += np.linspace(0.0, 60.0, len(far))
-    np.savez(tmp_path / "lap.npz", **{**recorded, "qpos": far})
-    page = sl.replay([tmp_path / "lap.npz"], world_record=True).page.read_text(encoding="utf-8")
-    assert "world record, 43.03 s" in page and "lap against the world record" in page
 
 
 # --- command ------------------------------------------------------------------------------------------------

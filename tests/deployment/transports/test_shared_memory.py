@@ -149,9 +149,3 @@ sys.stdin.read()
 )
 def test_only_a_network_interface_leads_beyond_this_machine(address, leaves):
     assert leaves_this_machine(address) is leaves
-
-
-def test_a_missing_package_is_named_with_its_extra(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(SprintlabError, match=r"sprintlab\[unitree\]"):
-        open_bus("unitree://go2")

@@ -154,18 +154,6 @@ def test_rated_point_and_no_load_speed_are_compared():
     assert "rated_torque is 0.1 N m" in notes and "no_load_speed is 2.00 times" in notes
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"pole_pairs": 8}, "contradicts pole_pairs"),
-        ({"kv": {"value": "100 rpm/V", "voltage": "peak"}}, "line-to-line amplitude"),
-    ],
-)
-def test_entries_that_are_not_allowed(changes, words):
-    with pytest.raises(InvalidValueError, match=words):
-        convert(sheet_of(MOTOR, **changes))
-
-
 def test_peak_and_continuous_values_make_the_drives_i2t(tmp_path):
     rated = {"value": f"{winding_current(12.0, 'line rms', 'star')!r} A", "current": "line rms"}
     sheet = sheet_of(MOTOR, rated_current=rated, peak_duration="3000 ms")

@@ -228,23 +228,6 @@ def test_columns_of_other_names_are_mapped(tmp_path):
         load_bench(path, columns=(*columns[:1], "iq=none:A"))
 
 
-def test_holding_what_is_known_helps(fit, motor):
-    columns = {name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd")}
-    free = fit(columns, motor)
-    held = fit(columns, motor, base=motor, hold=("stator_resistance", "coulomb_friction"))
-    assert held.estimates["stator_resistance"].reason == "held"
-    assert held.estimates["coulomb_friction"].value == 0.0
-    name = "voltage_utilization"
-    assert held.estimates[name].half_width < free.estimates[name].half_width
-
-
-def test_too_few_speeds_are_refused(fit, motor):
-    columns = bench_columns(motor)
-    slow = columns["speed"] < np.unique(columns["speed"])[2]
-    with pytest.raises(SprintlabError, match="2 different speeds"):
-        fit({name: values[slow] for name, values in columns.items()}, motor)
-
-
 def test_a_base_motor_fills_in_what_the_bench_does_not_show(fit, motor):
     columns = {
         name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd", "limited")
