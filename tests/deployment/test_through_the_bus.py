@@ -35,18 +35,6 @@ def bus():
     return f"shm://run-{os.getpid()}"
 
 
-def started(*arguments, **options):
-    """A command as a user starts it, its answer in JSON."""
-    command = [sys.executable, "-m", "sprintlab.cli.main", *arguments, "--json"]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
-
-
-def answer(process):
-    out, err = process.communicate(timeout=1500)
-    assert process.returncode == 0 and out, err
-    return json.loads(out)
-
-
 def documented_words(command):
     """The lock-step command line of the documentation that begins so, split into words."""
     lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(command)]
@@ -54,18 +42,22 @@ def documented_words(command):
 
 
 @pytest.mark.slow
-def test_the_documented_sprint_reaches_its_line_and_its_report_is_drawn(bus, tmp_path, capsys):
+@pytest.mark.usefixtures("unlocked_memory")
+def test_the_documented_sprint_reaches_its_line_and_its_report_is_drawn(bus, tmp_path, monkeypatch, capsys):
     """Over 3 m at 4 m/s instead of 100 m: the same way through all modes in a quarter of the time."""
     pytest.importorskip("mcap")
-    simulator, address, *options = documented_words("sprintlab robot-sim")
-    controller, policy, same, *controls = documented_words("sprintlab run")
+    monkeypatch.chdir(tmp_path)
+    _, address, *options = documented_words("sprintlab robot-sim")
+    _, policy, same, *controls = documented_words("sprintlab run")
     assert (address, policy) == (same, "sprint")
-    robot = started(simulator, bus, *options, cwd=tmp_path)
-    line = robot.stderr.readline()
-    assert line.startswith(f"the robot is on {bus}"), line + robot.stderr.read()
-    short = ("--top-speed", "4", "--distance", "3")
-    run = answer(started(controller, policy, bus, *controls, *short, cwd=tmp_path))
-    simulated = answer(robot)
+    command = [sys.executable, "-m", "sprintlab.cli.main", "robot-sim", bus, *options, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as robot:
+        line = robot.stderr.readline()
+        assert line.startswith(f"the robot is on {bus}"), line + robot.stderr.read()
+        short = ("--top-speed", "4", "--distance", "3", "--json")
+        assert main(["run", policy, bus, *controls, *short]) == 0
+        run, simulated = json.loads(capsys.readouterr().out), json.loads(robot.stdout.read())
+    assert robot.returncode == 0
     assert run["end"] == "passive" and run["faults"] == {} and 1.0 < run["sprint_time"] < 2.0
     assert simulated["fall_reason"] == "" and simulated["watchdog_trips"] == 0
     assert simulated["commands_dropped"] == 0 and 3.0 < simulated["greatest_distance"] < 15.0

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+from torch import cuda, multiprocessing, set_num_threads
 
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -32,3 +38,24 @@ def small_settings(
         ),
         **others,
     )
+
+
+def on_two(work: Callable[[int, Path], None], folder: Path, gpus: bool = False) -> None:
+    """Call ``work(rank, folder)`` in two processes that find each other as those of torchrun do.
+
+    They are copies of this one, since to import PyTorch anew takes seconds, but where CUDA does not allow it.
+    """
+    set_num_threads(1)  # no pool that a fork would lose
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    method = "spawn" if cuda.is_available() else "fork"
+    multiprocessing.start_processes(_joined, args=(work, folder, gpus, port), nprocs=2, start_method=method)
+
+
+def _joined(rank: int, work: Callable[[int, Path], None], folder: Path, gpus: bool, port: int) -> None:
+    os.environ |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
+    os.environ |= {"RANK": str(rank), "LOCAL_RANK": str(rank)}
+    if not gpus:
+        os.environ["CUDA_VISIBLE_DEVICES"] = ""
+    work(rank, folder)

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import socket
 from pathlib import Path
 
 import pytest
 import torch
-from torch import multiprocessing
+from tests.training.small import on_two
 
 from sprintlab.training.learner.distributed import Workers, join_workers
 
 BATCHES = torch.arange(12.0).reshape(2, 6) ** 1.5
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def share(rank: int, port: int, folder: str) -> None:
-    os.environ |= {
-        "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2", "RANK": str(rank),
-        "LOCAL_RANK": str(rank), "CUDA_VISIBLE_DEVICES": "",
-    }  # fmt: skip
+def share(rank: int, folder: Path) -> None:
     workers = join_workers()
     mine = BATCHES[rank].clone()
     mean, variance = workers.moments(mine.mean(), mine.var(correction=0))
@@ -35,12 +23,11 @@ def share(rank: int, port: int, folder: str) -> None:
     weights = [torch.full((3,), float(rank))]
     workers.broadcast(weights)
     result = {"mean": mean, "variance": variance, "gradients": gradients, "weights": weights[0]}
-    torch.save({**result, "leads": workers.leads}, Path(folder) / f"{rank}.pt")
+    torch.save({**result, "leads": workers.leads}, folder / f"{rank}.pt")
 
 
 def test_statistics_and_gradients_are_shared(tmp_path: Path) -> None:
-    torch.set_num_threads(1)  # no pool that a fork would lose; to import PyTorch anew takes seconds
-    multiprocessing.start_processes(share, args=(free_port(), str(tmp_path)), nprocs=2, start_method="fork")
+    on_two(share, tmp_path)
     both = BATCHES.flatten()
     for rank in (0, 1):
         result = torch.load(tmp_path / f"{rank}.pt")

@@ -1,75 +1,44 @@
-"""Two processes under torchrun: identical networks, normalizers and curriculum, also in a resumed run.
+"""Two processes: identical networks, normalizers and curriculum, also in a resumed run.
 
-Over gloo on the CPU; with two GPUs also over NCCL, whose operations are part of the update's graph.
+Over gloo on the CPU; with two GPUs over NCCL, whose operations are part of the update's graph.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 import torch
-from tests.training.small import small_settings
+from tests.training.small import on_two, small_settings
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs import run
 from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.run import TrainOptions, open_run, train
 from sprintlab.training.runs.runner import Runner
 
-PROGRAM = """
-import sys
-from dataclasses import replace
-from pathlib import Path
-import torch
-torch.set_num_threads(1)
-from sprintlab.training.runs import run
-from tests.training.small import small_settings
 
-folder, device, runners = Path(sys.argv[1]), sys.argv[2], []
-options = run.TrainOptions(
-    output=folder / "run", environments=8, iterations=2, device=device, tensorboard=False,
-    settings=small_settings(), resume=True,
-)
-opened = run.open_run
-run.open_run = lambda *a: runners.append(opened(*a)) or runners[-1]
-for iterations in (2, 4):
-    run.train(replace(options, iterations=iterations))
-runner = runners[-1]
-log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
-own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
-own |= {"growth": vars(runner.growth), "robots": runner.environment.state()}
-torch.save(own, folder / f"{runner.workers.rank}.pt")
-"""
-
-
-TORCHRUN = ("--standalone", "--local-addr", "127.0.0.1", "--nproc-per-node", "2")
-
-
-def train_on_two(folder: Path, device: str) -> Path:
-    """Run the program in two processes; returns the folder of what they ended with."""
-    (folder / "program.py").write_text(PROGRAM)
-    own = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    own |= {"CUDA_VISIBLE_DEVICES": ""} if device == "cpu" else {}
-    done = subprocess.run(
-        [sys.executable, "-m", "torch.distributed.run", *TORCHRUN, folder / "program.py", folder, device],
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        timeout=300.0,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    return folder
+def train_as_one_of_two(rank: int, folder: Path) -> None:
+    """Train, resume, and keep what the process ends with."""
+    runners, opened = [], run.open_run
+    run.open_run = lambda *given: runners.append(opened(*given)) or runners[-1]
+    for iterations in (2, 4):
+        options = {"environments": 8, "iterations": iterations, "tensorboard": False, "resume": True}
+        train(TrainOptions(output=folder / "run", settings=small_settings(), **options))
+    runner = runners[-1]
+    log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
+    own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
+    own |= {"growth": vars(runner.growth), "robots": runner.environment.state()}
+    torch.save(own, folder / f"{rank}.pt")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return train_on_two(tmp_path_factory.mktemp("several"), "cpu")
+    made = tmp_path_factory.mktemp("several")
+    on_two(train_as_one_of_two, made, gpus=torch.cuda.device_count() > 1)
+    return made
 
 
 def read(folder: Path, name: str) -> dict:
@@ -77,15 +46,6 @@ def read(folder: Path, name: str) -> dict:
 
 
 def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) -> None:
-    assert_equal_ends(folder)
-
-
-@pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
-def test_two_gpus_end_with_the_same_networks_and_curriculum(tmp_path: Path) -> None:
-    assert_equal_ends(train_on_two(tmp_path, "auto"))
-
-
-def assert_equal_ends(folder: Path) -> None:
     first, second = read(folder, "0"), read(folder, "1")
     for name, value in first["networks"].items():  # normalizers are among them
         assert torch.equal(value, second["networks"][name]), name
