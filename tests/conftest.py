@@ -112,16 +112,6 @@ def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def flowing() -> Callable[[str], str]:
-    """Text of a page by its path from the project's root, every line break as a space."""
-
-    def read(path: str) -> str:
-        return " ".join((Path(__file__).parents[1] / path).read_text(encoding="utf-8").split())
-
-    return read
-
-
-@pytest.fixture(scope="session")
 def robot() -> RobotDescription:
     """BP2, nominal: also the robot that the policy ``sprint`` was trained on."""
     return load_robot("bp2")
