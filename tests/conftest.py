@@ -99,7 +99,6 @@ def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-@pytest.fixture
 def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop in this process locks none: all that was ever imported or mapped would become resident."""
     monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda: None)

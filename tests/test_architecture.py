@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,10 +29,6 @@ print(seen)
 """
 
 
-def identity(path):
-    return str(path.relative_to(SOURCE))
-
-
 def test_every_package_keeps_to_its_floor():
     status = lint_imports(config_filename=str(ROOT / "pyproject.toml"), cache_dir=None)
     assert status == EXIT_STATUS_SUCCESS
@@ -47,29 +42,23 @@ def test_base_packages_import_without_the_training_extra():
     assert int(result.stdout) > 10 * len(BASE_PACKAGES)
 
 
-@pytest.mark.parametrize("path", FILES, ids=identity)
-def test_no_function_is_long(path):
+def test_no_function_is_long():
     functions = [
-        node
+        (path.relative_to(SOURCE), node)
+        for path in FILES
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     ]
-    long = [node.name for node in functions if node.end_lineno - node.lineno >= LONGEST_FUNCTION]
-    assert not long
+    assert not [(str(path), f.name) for path, f in functions if f.end_lineno - f.lineno >= LONGEST_FUNCTION]
 
 
-@pytest.mark.parametrize("path", sorted(SOURCE.rglob("__init__.py")), ids=identity)
-def test_init_files_only_pass_names_on(path):
+def test_init_files_only_pass_names_on():
+    """But for the front door, which looks its names up when they are used: tests/api/test_front_door.py."""
     allowed = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr)
-    statements = ast.parse(path.read_text(encoding="utf-8")).body
-    if path.parent == SOURCE:
-        return  # the front door looks its names up when they are used: tests/api/test_front_door.py
-    assert all(isinstance(statement, allowed) for statement in statements)
-    assert all(
-        statement.targets[0].id.startswith("__")
-        for statement in statements
-        if isinstance(statement, ast.Assign)
-    )
+    for path in set(SOURCE.rglob("__init__.py")) - {SOURCE / "__init__.py"}:
+        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
+            assert isinstance(statement, allowed), path
+            assert not isinstance(statement, ast.Assign) or statement.targets[0].id.startswith("__"), path
 
 
 def test_what_the_architecture_page_points_to_is_there():

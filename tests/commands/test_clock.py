@@ -17,17 +17,6 @@ def test_the_clock_leaves_out_the_second_of_standing():
     assert np.all(np.diff(clock) >= 0.0)
 
 
-def test_a_held_heading_is_no_command_to_move():
-    command = np.zeros((len(TIME), 3))
-    command[:, 2] = 0.01
-    command[1000:, 0] = 1.0
-    assert command_start(TIME, command) == TIME[1000]
-
-
-def test_a_robot_that_is_never_sent_counts_from_the_first_sample():
-    assert command_start(TIME, np.zeros(len(TIME))) == 0.0
-
-
 def test_the_finish_lies_between_two_samples_or_nowhere():
     time, way = np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 8.0])
     assert finish_time(time, way, 5.0) == 1.25

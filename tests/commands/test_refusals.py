@@ -33,19 +33,3 @@ def test_impossible_numbers_are_refused_by_the_name_of_their_field(settings, num
         with pytest.raises(InvalidValueError) as caught:
             settings(**needed | {name: number})
         assert name in caught.value.field
-
-
-@pytest.mark.parametrize(
-    ("settings", "wrong"),
-    [
-        (AdaptiveSchedule, {"hold": (1.0, 0.4)}),
-        (TargetSampling, {"top_share": 0.99}),
-        (CommandGrid, {"speed": (3.0, 2.0)}),
-        (CommandGrid, {"speed_bin": 2e-6}),  # eight million rows take all memory
-        (CurriculumSchedule, {"targets": TargetSampling(grid=None)}),
-    ],
-)
-def test_values_that_do_not_fit_each_other_are_refused(settings, wrong):
-    with pytest.raises(InvalidValueError) as caught:
-        settings(**wrong)
-    assert next(iter(wrong)) in caught.value.field

@@ -9,7 +9,6 @@ from sprintlab.control import (
     push_history,
     update_history,
 )
-from sprintlab.core.errors import InvalidValueError
 
 SIZES = {
     "angular_velocity": 3,
@@ -65,16 +64,3 @@ def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
     np.testing.assert_allclose(projected_gravity(quaternion, slope), turned, atol=1e-12)
     on_torch = projected_gravity(torch.from_numpy(quaternion), torch.from_numpy(slope))
     np.testing.assert_allclose(on_torch.numpy(), turned, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        *({"terms": {"command": scale}} for scale in (0.0, -1.0, (0.25, 1.0), (0.25, float("nan"), 1.0))),
-        {"terms": {"smell": 1.0}},
-        *({"history_length": length} for length in (0, 2.5)),
-    ],
-)
-def test_impossible_layouts_are_refused(settings):
-    with pytest.raises(InvalidValueError):
-        ObservationLayout(**settings)

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.plant import Ground, Plant, PlantOptions, RoughGround, TrialSettings
 
@@ -84,9 +83,3 @@ def test_who_runs_off_the_field_has_fallen(robot):
     plant.data.qpos[1] = 7.5
     assert not plant.advance(robot.default_pose, 1, Recorder(plant, 5))
     assert plant.fall_reason == "left the rough ground"
-
-
-@pytest.mark.parametrize("ground", [Ground(slope=0.05), ROUGH])
-def test_the_second_engine_knows_no_other_ground(ground):
-    with pytest.raises(InvalidValueError, match=r"plant\.ground .*level and even"):
-        PlantOptions(engine="drake", ground=ground)

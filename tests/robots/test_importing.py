@@ -17,7 +17,6 @@ from sprintlab.robots.importing import (
     read_choices,
     read_source,
 )
-from sprintlab.training.methods import method
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")
@@ -165,13 +164,6 @@ def test_other_models_are_refused(edited, tmp_path, changes, message):
     assert not (tmp_path / "robots" / "mine").exists()
 
 
-def test_the_training_settings_of_an_imported_robot_are_scaled(tmp_path):
-    made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
-    settings = method("acs", robot=str(made.folder))
-    assert robot_fingerprint(load_robot(settings.robot)) == robot_fingerprint(made.robot)
-    assert settings.stages.first_top == pytest.approx(4.934, abs=1e-3)
-
-
 def test_a_motors_control_range_is_its_torque_limit(tmp_path):
     """Unitree's own models state torque by ``ctrlrange``; an actuator's gear multiplies it."""
     joints = [joint.name for leg in read_source(GO1 / "go1.xml").legs for joint in leg.joints]
@@ -193,15 +185,3 @@ def test_legs_that_differ_are_flagged_and_not_averaged(edited, tmp_path):
     assert (
         not flag.good and "knee effort" in flag.outcome and "30" in flag.outcome and "35.55" in flag.outcome
     )
-
-
-def test_a_urdfs_impossible_inertia_is_raised_and_told(urdf, tmp_path):
-    """Published files hold such links, most often sensors; the masses stay what they are."""
-    camera = """<link name="camera"><inertial><mass value="0.1"/>
-      <inertia ixx="1e-5" iyy="1e-5" izz="9e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
-      <joint name="mount" type="fixed"><parent link="base"/><child link="camera"/></joint></robot>"""
-    urdf.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", camera), encoding="utf-8")
-    made = import_robot(urdf, choices("dog"), tmp_path / "robots")
-    outcomes = {check.what: check for check in made.checks}
-    assert not outcomes["link inertias"].good and outcomes["link inertias"].outcome.endswith(": camera")
-    assert made.robot.mechanics.trunk.mass == pytest.approx(6.1)

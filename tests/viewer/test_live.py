@@ -60,18 +60,6 @@ def test_motor_model_and_voltage_reach_the_motors(session):
     assert session.plant._drive.limits(np.full(12, 20.0))[1].max() < limits[1].max()
 
 
-def test_surroundings_reach_the_simulation(session):
-    weight = session.plant.model.body_mass.sum()
-    session.turn(friction=0.3, payload=4.0, slope=0.1)
-    model = session.plant.model
-    assert set(model.geom_friction[:, 0]) == {0.3}
-    assert model.body_mass.sum() == pytest.approx(weight + 4.0)
-    assert model.opt.gravity[0] == pytest.approx(-9.81 * np.sin(0.1))
-    assert session.plant.measurement().projected_gravity[0] == pytest.approx(-np.sin(0.1), abs=1e-6)
-    session.turn(payload=0.0)
-    assert model.body_mass.sum() == pytest.approx(weight)
-
-
 def test_untouched_plant_is_the_evaluation_s(robot):
     live, plant = LivePlant(robot), Plant(robot, PlantOptions(), TrialSettings())
     np.testing.assert_array_equal(live.data.qpos, plant.data.qpos)
