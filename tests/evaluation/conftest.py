@@ -56,7 +56,6 @@ def make_trajectory(robot: RobotDescription) -> Callable[..., Trajectory]:
             "profile_speed": np.ones(count),
             "command": np.tile([1.0, 0.0, 0.0], (count, 1)),
             "velocity": np.zeros((count, 2)),
-            "height": np.full(count, 0.5),
             "angular_velocity": np.zeros((count, 3)),
             "heading": np.zeros(count),
             "foot_contact": np.ones((count, 4), dtype=bool),
