@@ -1,4 +1,4 @@
-"""``sprintlab design``: resumed where it stopped, with trainings, as table, map and JSON."""
+"""``sprintlab design``: resumed where it stopped, as table, map and JSON."""
 
 import json
 
@@ -27,7 +27,7 @@ def test_a_run_that_was_stopped_goes_on_and_repeats_nothing(call, searched, monk
     outcome = call(*VARIED, "--json", "--figure", tmp_path / "map.png")
     whole, folder = json.loads(outcome.out), tmp_path / "runs" / "design" / "bp2"
     assert len(searched) == 8 and (tmp_path / "map.png").stat().st_size > 0
-    assert "costs 0.30 m/s" in whole["sentences"][0]
+    assert "costs 0.30 m/s" in whole["sentence"]
     (folder / "gear.hip=9,winding=1" / "design.json").unlink()
     searched.clear()
     assert json.loads(call(*VARIED, "--json").out)["designs"] == whole["designs"]
@@ -35,29 +35,3 @@ def test_a_run_that_was_stopped_goes_on_and_repeats_nothing(call, searched, monk
     searched.clear()
     table = call(*VARIED, "--starts", 2).out  # other settings: other numbers
     assert len(searched) == 8 and "without d axis" in table
-
-
-@pytest.mark.usefixtures("searched")
-def test_designs_are_trained_under_both_models_and_judged_by_the_refined_motor(call, monkeypatch):
-    started = []
-
-    def train(runs, devices, retries, watch):
-        started.extend(runs)
-        watch({run.name: "finished" for run in runs})
-
-    def held(policy, robot, judge, processes):
-        trained, ratio = policy.parts[-3], float(robot.gear.ratio[1])
-        speed = 12.0 + (ratio - 6.0) * (0.5 if judge == "simplified-dc" else -0.5) - (trained != "acs")
-        return {"speed_m_s": speed, "power_W": 900.0 + 10.0 * ratio, "winding_degC": 70.0}
-
-    monkeypatch.setattr("sprintlab.training.runs.sweep.train_all", train)
-    monkeypatch.setattr("sprintlab.api.design.held_by", held)
-    found = json.loads(call(*VARIED, "--train", 2, "--device", "cpu", "--json").out)
-    assert len({run.name for run in started}) == 16
-    assert {run.folder.parts[-2] for run in started} == {"acs", "simplified-dc"}
-    assert found["chosen"]["trained"] == {
-        "refined": "gear.hip=6,winding=0.8", "simplified-dc": "gear.hip=9,winding=0.8",
-    }  # fmt: skip
-    assert "costs 1.50 m/s, +30 W" in found["sentences"][1]
-    trained = next(each["trained"] for each in found["designs"] if each["design"]["gear.hip"] == 9.0)
-    assert trained["simplified-dc"]["judged_m_s"] == 9.5 and trained["simplified-dc"]["speed_m_s"] == 12.5

@@ -78,9 +78,7 @@ def row(gear, refined, wrong, power=1000.0):
 
 
 def test_each_model_chooses_by_its_own_speeds_and_the_refined_one_judges():
-    found = choose(
-        [row(6.0, 13.0, 13.2, 900.0), row(8.0, 12.5, 14.0, 1100.0), row(9.0, 11.0, 13.0)], "limits"
-    )
+    found = choose([row(6.0, 13.0, 13.2, 900.0), row(8.0, 12.5, 14.0, 1100.0), row(9.0, 11.0, 13.0)])
     assert found.chosen == {"refined": {"gear.hip": 6.0}, "simplified-dc": {"gear.hip": 8.0}}
     assert found.cost("speed_m_s") == -0.5 and found.cost("power_W") == 200.0
     assert "costs 0.50 m/s, +200 W and +2.0 degC" in found.sentence()

@@ -182,7 +182,6 @@ def design_limit(
 class Choice:
     """Which design each motor model chooses, and what the refined motor says of both."""
 
-    source: str  # ``"limits"`` (computed strides) or ``"trained"`` (policies in the plant)
     chosen: Mapping[str, Design]  # design by model
     believed: Mapping[str, float]  # speed that the model gives its design [m/s]
     judged: Mapping[str, Mapping[str, float]]  # numbers of that design by the refined motor
@@ -196,11 +195,10 @@ class Choice:
     def sentence(self) -> str:
         """Which designs are chosen, and what the wrong choice costs."""
         judge, other = (design_name(self.chosen[model]) for model in MODELS)
-        how = {"limits": "By computed strides", "trained": "By trained policies"}[self.source]
         top, believed = self.judged[MODELS[0]]["speed_m_s"], self.believed[MODELS[1]]
         if judge == other:
             return (
-                f"{how} both motor models choose {judge}, {top:.2f} m/s; "
+                f"By computed strides both motor models choose {judge}, {top:.2f} m/s; "
                 f"v_d = 0 promises {believed - top:+.2f} m/s more than that."
             )
         loss = -self.cost("speed_m_s")
@@ -210,30 +208,19 @@ class Choice:
             else f", less than the {self.noise:.2f} m/s by which one design's speeds differ"
         )
         return (
-            f"{how} the refined motor chooses {judge}, {top:.2f} m/s; v_d = 0 chooses {other} and believes "
-            f"{believed:.2f} m/s, of which the refined motor leaves {top - loss:.2f}: the wrong choice costs "
-            f"{loss:.2f} m/s{least}, {self.cost('power_W'):+.0f} W and {self.cost('winding_degC'):+.1f} degC."
+            f"By computed strides the refined motor chooses {judge}, {top:.2f} m/s; v_d = 0 chooses {other} "
+            f"and believes {believed:.2f} m/s, of which the refined motor leaves {top - loss:.2f}: the wrong "
+            f"choice costs {loss:.2f} m/s{least}, {self.cost('power_W'):+.0f} W and "
+            f"{self.cost('winding_degC'):+.1f} degC."
         )
 
 
-def choose(rows: Sequence[Mapping[str, Any]], source: str) -> Choice | None:
-    """The choice of each motor model among the designs that run under both.
-
-    Args:
-        rows: rows of the designs: ``"design"``, and under ``source`` the numbers by model.
-        source: ``"limits"`` or ``"trained"``.
-
-    Returns:
-        The choice; None where no design runs under both models.
-    """
-    known = [row for row in rows if all("power_W" in row.get(source, {}).get(model, {}) for model in MODELS)]
-    if not known:
-        return None
-    best = {model: max(known, key=lambda row: row[source][model]["speed_m_s"]) for model in MODELS}
+def choose(rows: Sequence[Mapping[str, Any]]) -> Choice:
+    """The choice of each motor model among designs: rows of ``"design"`` and ``"limits"`` by model."""
+    best = {model: max(rows, key=lambda row: row["limits"][model]["speed_m_s"]) for model in MODELS}
     return Choice(
-        source=source,
         chosen={model: row["design"] for model, row in best.items()},
-        believed={model: row[source][model]["speed_m_s"] for model, row in best.items()},
-        judged={model: row[source][MODELS[0]] for model, row in best.items()},
-        noise=max(row[source][MODELS[0]]["spread_m_s"] for row in best.values()),
+        believed={model: row["limits"][model]["speed_m_s"] for model, row in best.items()},
+        judged={model: row["limits"][MODELS[0]] for model, row in best.items()},
+        noise=max(row["limits"][MODELS[0]]["spread_m_s"] for row in best.values()),
     )

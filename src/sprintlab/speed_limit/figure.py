@@ -142,19 +142,18 @@ def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]]) -> Figure:
     figure, axes = themed_figure(LIGHT, (1.0 + 3.6 * len(panels), 6.4), 2, len(panels))
     figure.suptitle(f"Speed limits of {as_written(robot)} by design [m/s]", fontweight="bold", color=_LIMIT)
     speeds = [row["limits"][model]["speed_m_s"] for row in rows for model in MODELS]
-    choice = choose(rows, "limits")
+    choice = choose(rows)
     for place, axis in enumerate(axes):
         model, value = MODELS[place // len(panels)], panels[place % len(panels)]
         shown = [row for row in rows if panel is None or row["design"][panel] == value]
         _draw_designs(axis, shown, model, (across, up), (min(speeds), max(speeds)))
         part = "" if panel is None else f", {panel} {value:g}"
         set_title(axis, _MODEL_NAMES[model] + part, LIGHT)
-        if choice:
-            here = [each for each in MODELS if panel is None or choice.chosen[each][panel] == value]
-            for chooser in here:
-                spot = [choice.chosen[chooser][name] if name else 0.0 for name in (across, up)]
-                label = f"chosen by {_MODEL_NAMES[chooser]}"
-                axis.plot(*spot, label=label, linestyle="none", markersize=16, **_MODEL_MARKS[chooser])
+        here = [each for each in MODELS if panel is None or choice.chosen[each][panel] == value]
+        for chooser in here:
+            spot = [choice.chosen[chooser][name] if name else 0.0 for name in (across, up)]
+            label = f"chosen by {_MODEL_NAMES[chooser]}"
+            axis.plot(*spot, label=label, linestyle="none", markersize=16, **_MODEL_MARKS[chooser])
     handles = {
         label: handle
         for axis in axes
