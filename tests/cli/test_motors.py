@@ -8,14 +8,12 @@ from pathlib import Path
 
 import pytest
 
-import sprintlab as sl
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, library_motors, load_library_motor, load_motor
 from sprintlab.robots import load_robot
 from sprintlab.workbench.datasheet_file import ENTRIES, load_datasheet
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
-SHEET = EXAMPLES / "maxon-ec-45-flat-70w.toml"
 TABLE = (EXAMPLES / "torque-current.csv", "--saturation-only", "--pole-pairs", 21, "--peak-current", 62.66)
 
 
@@ -58,15 +56,6 @@ def test_the_library_names_every_number_with_its_source(call, answer, tmp_path):
     assert call("motor", "library", "mit-humanoid-u12", *files).status == 0
     assert load_motor(tmp_path / "u12.toml") == load_library_motor("mit-humanoid-u12").motor
     assert (tmp_path / "library.png").stat().st_size > 30_000
-
-
-def test_a_data_sheet_stands_for_its_motor(call, tmp_path):
-    motor = tmp_path / "maxon.toml"
-    assert call("motor", "from-datasheet", SHEET, "--output", motor).status == 0
-    of_sheet, of_motor = (sl.show_motor(str(path), bus_voltage=24.0).to_dict() for path in (SHEET, motor))
-    assert of_sheet["motor"] == pytest.approx(of_motor["motor"], rel=1e-4)
-    # The catalogue's 5600 rpm at 24 V are 586 rad/s, with all the voltage and friction.
-    assert of_motor["no_load_speed"] == pytest.approx(586 * 0.95, rel=0.02)
 
 
 def test_the_template_becomes_a_sheet(call, tmp_path):

@@ -35,16 +35,6 @@ def listed(call, *arguments):
     return json.loads(outcome.out)
 
 
-def test_a_sweep_trains_all_methods_and_combinations(call, tmp_path):
-    rows = listed(call, tmp_path, "--seeds", 2)
-    assert len(rows) == 12 and rows[0]["folder"] == str(tmp_path / "baseline" / "seed-0")
-    assert not tmp_path.joinpath("baseline").exists()
-    options = ("--methods", "acs", "--seeds", 1, "--vary", "ppo.steps=8,16", "--vary", "ppo.epochs=3,5")
-    rows = listed(call, tmp_path, *options, "--set", "ppo.discount=0.98")
-    assert rows[0]["run"] == "ppo.steps=8,ppo.epochs=3 acs 0" and len(rows) == 4
-    assert rows[0]["command"].startswith("sprintlab train bp2 --method acs --seed 0 --set ppo.discount=0.98")
-
-
 def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     pytest.importorskip("torch")
     folder = tmp_path / "acs" / "seed-0"

@@ -104,16 +104,3 @@ def test_installed_wheel_answers(installed):
     refused = installed("motor", "show", "no-such-robot")
     assert refused.returncode == 2
     assert len(refused.stderr.splitlines()) == 1
-
-
-def test_no_colours_when_piped(installed):
-    for arguments in (("--help",), ("robot", "show", "bp2"), ("no-such-command",)):
-        shown = installed(*arguments)
-        assert "\x1b" not in shown.stdout + shown.stderr
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_shell_completion(installed, shell):
-    script = installed("--tyro-print-completion", shell)
-    assert script.returncode == 0
-    assert "race" in script.stdout and "top-speed" in script.stdout

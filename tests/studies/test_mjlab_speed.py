@@ -94,31 +94,6 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
     assert seen[:33] == pytest.approx(wanted, abs=1e-4)
 
 
-@pytest.mark.slow
-def test_the_data_sheets_motor_in_mjlab_is_the_line_in_the_plant():
-    """MuJoCo's own motor with gains in volts against a clipped PD loop, at random states."""
-    from mjlab.asset_zoo.robots.unitree_go1 import go1_constants as go1
-    from mjlab.entity import Entity, EntityArticulationInfoCfg
-
-    configuration = go1.get_go1_robot_cfg()
-    configuration.articulation = EntityArticulationInfoCfg(actuators=training.actuators("data-sheet"))
-    model = Entity(configuration).spec.compile()
-    data, random = mujoco.MjData(model), np.random.default_rng(2)
-    names = [model.actuator(at).name for at in range(model.nu)]
-    law = study.promised_law("data-sheet")
-    for _ in range(20):
-        data.qvel[6:], data.ctrl[:] = random.normal(0.0, 10.0, 12), random.normal(0.0, 1.5, 12)
-        mujoco.mj_forward(model, data)
-        for at, name in enumerate(names):
-            calf = "calf" in name
-            stock = go1.GO1_KNEE_ACTUATOR_CFG if calf else go1.GO1_HIP_ACTUATOR_CFG
-            joint = model.joint(name)
-            speed = data.qvel[joint.dofadr[0]]
-            wanted = stock.stiffness * (data.ctrl[at] - data.qpos[joint.qposadr[0]]) - stock.damping * speed
-            expected = law(np.full(12, wanted), np.full(12, speed)).torque[2 if calf else 0]
-            assert data.qfrc_actuator[joint.dofadr[0]] == pytest.approx(expected, rel=1e-3, abs=1e-3)
-
-
 def test_the_speed_reached_is_that_of_a_command_most_trials_hold():
     trials = [
         {"law": "refined", "command": at, "speed": speed, "fell": fell, "unmet": 0.0, "impossible": 0.1}

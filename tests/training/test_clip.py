@@ -39,12 +39,3 @@ def test_a_clip_is_rendered_beside_the_training_and_lies_in_tensorboard(tmp_path
     events = event_accumulator.EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()
     assert [image.step for image in events.Images("exam/clip")] == [600]
-
-
-def test_where_nothing_renders_there_are_no_clips(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(clip_module, "new_interpreter", lambda: rendering("raise SystemExit(1)"))
-    clips = Clips(tmp_path, "bp2")
-    clips.begin(np.zeros((10, 7)), 1)
-    assert clips.finished(WAIT) is None and not clips.working
-    clips.begin(np.zeros((10, 7)), 2)
-    assert clips.finished() is None and not (tmp_path / "clips").exists()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -16,7 +14,6 @@ from sprintlab.training.environment.episodes import Ends, find_ends, standing_st
 from sprintlab.training.environment.fleet import Fleet
 from sprintlab.training.environment.randomization import default_randomization, friction, slope
 from sprintlab.training.environment.sprint import SUBSTEPS, SprintEnvironment
-from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from sprintlab.training.settings import (
     UNDISTURBED,
     EpisodeSettings,
@@ -49,22 +46,6 @@ def environment(built: SprintEnvironment) -> SprintEnvironment:
     built.step(torch.zeros(N, 12))
     assert not built.done.any()
     return built
-
-
-def test_observations_have_their_shapes_and_are_finite(environment: SprintEnvironment) -> None:
-    observations, reward, done, extras = environment.step(0.1 * torch.randn(N, 12))
-    for name, size in (("actor", 450), ("critic", 53)):
-        assert observations[name].shape == (N, size) and torch.isfinite(observations[name]).all()
-    assert reward.shape == done.shape == extras["time_outs"].shape == (N,)
-    assert (reward > 0).all()
-
-
-def test_the_log_tells_the_speed_of_the_fastest(environment: SprintEnvironment) -> None:
-    environment.running_speed.copy_(torch.randn(N))
-    environment.running_speed[3] = torch.nan
-    ordered = environment.running_speed.nan_to_num().sort().values.tolist()
-    log, names = environment.take_log().read(), ("speed_median", "speed_p95", "speed_p999")
-    assert [log[name] for name in names] == [ordered[7], *ordered[-1:] * 2]
 
 
 def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> None:
@@ -289,16 +270,6 @@ def test_robots_that_run_or_have_no_estimate_are_not_held(environment: SprintEnv
     hold_once(environment, 0.0, fresh=True)
     held = [0.0] * 4 + [1.0] * (N - 4)
     assert environment.held.tolist() == held, "a new episode stands, unless it starts fast"
-
-
-def test_progress_counts_up_to_the_target_where_commands_follow_one(environment: SprintEnvironment) -> None:
-    environment.commands.target_speed.fill_(3.0)
-    environment.commands.command[:, 0] = 2.0
-    assert environment._followed_speed().tolist() == [3.0] * N
-    wandering = replace(environment.settings, schedule=ALL_METHODS[LITERAL_ACS].schedule)
-    kept, environment.settings = environment.settings, wandering
-    assert environment._followed_speed().tolist() == [2.0] * N
-    environment.settings = kept
 
 
 def test_handedness_is_drawn_per_episode_and_a_copy_takes_over_its_donors() -> None:

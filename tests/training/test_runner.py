@@ -25,7 +25,7 @@ from sprintlab.training.runs.export import actor_from_checkpoint, export_checkpo
 from sprintlab.training.runs.options import RunLength
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runs.runner import Runner
-from sprintlab.training.settings import PpoSettings, TrainingSettings
+from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import read_settings
 
 SETTINGS = small_settings(environments=16, steps=4, hidden=(32, 16))
@@ -151,15 +151,6 @@ def test_a_run_writes_file_and_policy(tmp_path: Path) -> None:
     policy = load_policy(tmp_path / "short" / "policy.onnx", load_robot("bp2"))
     assert policy.contract.training.iterations == 1
     assert policy.contract.training.config_hash == again.digest()
-
-
-def test_a_cpu_trains_fewer_robots_and_smaller_networks_unless_told_otherwise() -> None:
-    small, large = TrainOptions(device="cpu").full_settings(), TrainOptions(device="cuda:0").full_settings()
-    assert (small.simulation.environments, large.simulation.environments) == (2048, 32768)
-    assert (small.ppo.hidden, small.estimator.encoder, small.ppo.precision) == ((128, 64), (128, 64), "tf32")
-    wide = replace(TrainingSettings(), ppo=PpoSettings(hidden=(256, 128)))
-    asked = TrainOptions(device="cpu", environments=64, settings=wide).full_settings()
-    assert (asked.simulation.environments, asked.ppo.hidden) == (64, (256, 128))
 
 
 def test_noise_divergence_and_the_estimators_rate_sink_between_their_shares_of_the_run() -> None:

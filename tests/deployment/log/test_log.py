@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from tests.deployment.messages import make_command, make_fix, make_state
 
 from sprintlab.deployment.log import LogError, LogFacts, McapRunLog, read_log
@@ -81,15 +80,6 @@ def test_other_programs_can_read_every_topic_by_its_schema(path):
         assert properties.keys() == message.keys()
         for name, value in message.items():
             assert isinstance(value, kinds[properties[name]["type"]])
-
-
-def test_a_state_is_logged_once_and_an_absurd_fix_never(path):
-    log, nowhere = McapRunLog(path, FACTS), make_fix(position=np.full(3, np.nan))
-    for number in range(1, 11):
-        log.write(replace(tick(number, state=False), fix=nowhere))
-    log.close()
-    record = read_log(path)
-    assert [len(topic.time) for topic in (record.states, record.fixes, record.ticks)] == [1, 0, 10]
 
 
 CRASH = """

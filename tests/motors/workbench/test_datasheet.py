@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import I2tLimit, PmsmParameters, i2t_time_constant, load_supply
 from sprintlab.workbench.datasheet import (
     conversion_numbers,
@@ -117,41 +117,11 @@ def test_constants_may_be_taken_behind_the_gear():
     same(convert(table).motor, MOTOR)
 
 
-def test_a_contradiction_may_take_two_other_conventions_to_resolve():
-    """A servo whose K_e and K_t are equal in SI, the convention of DC motors, read as rms values."""
-    table = sheet_of(MOTOR, kv=None)
-    table["back_emf_constant"] = {"value": "51 V/krpm", "voltage": "line-to-line rms"}
-    table["torque_constant"] = {"value": "0.49 N m/A", "current": "line rms"}
-    with pytest.raises(InvalidValueError) as caught:
-        convert(table)
-    hint = "they agree if back_emf_constant is 'line-to-line amplitude' and torque_constant is 'dc'"
-    assert hint in str(caught.value)
-    table = sheet_of(MOTOR, current="line rms")
-    table["torque_constant"]["current"] = "line amplitude"
-    with pytest.raises(InvalidValueError, match="torque_constant is 'line rms'"):
-        convert(table)
-
-
 def test_peak_torque_and_current_give_the_saturation():
     table = sheet_of(MOTOR, peak_torque=f"{0.8 * MOTOR.peak_torque} N m")
     converted = convert(table)
     assert converted.motor.saturation == pytest.approx(0.2)
     assert converted.motor.peak_torque == pytest.approx(MOTOR.peak_torque)
-
-
-def test_rated_point_and_no_load_speed_are_compared():
-    expected = 24.0 / (math.sqrt(3.0) * 7 * 5e-3)
-    good = sheet_of(
-        MOTOR,
-        rated_current={"value": "5 A", "current": "line amplitude"},
-        rated_torque=f"{5 * MOTOR.torque_constant} N m",
-        no_load_speed=f"{expected * 0.95} rad/s",
-        no_load_voltage="24 V",
-    )
-    assert not [note for note in convert(good).notes if "rated" in note or "no_load" in note]
-    bad = {**good, "rated_torque": "0.1 N m", "no_load_speed": f"{expected * 2} rad/s"}
-    notes = " ".join(convert(bad).notes)
-    assert "rated_torque is 0.1 N m" in notes and "no_load_speed is 2.00 times" in notes
 
 
 def test_peak_and_continuous_values_make_the_drives_i2t(tmp_path):
