@@ -67,11 +67,7 @@ LEVEL = Ground()
 
 
 class RoughGround:
-    """The heightfield of a rough ground, in place of the floor.
-
-    Args:
-        ground: whose roughness is not zero.
-    """
+    """The heightfield of a ground whose roughness is not zero, in place of the floor."""
 
     def __init__(self, ground: Ground) -> None:
         rows, columns = round(2.0 * _SIDE / SPACING) + 1, round((_BEHIND + _AHEAD) / SPACING) + 1

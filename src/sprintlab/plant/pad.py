@@ -93,20 +93,16 @@ def friction_force(law: PadLaw, limit: float, bristle: Vector, slip: Vector) -> 
 class Pads:
     """The pads of one simulated robot; between ``mj_step1`` and the step they push on the shanks.
 
-    Args:
-        model: whose own contacts leave out feet and ground.
-        data: state of the simulation.
-        feet: names of the geoms with a pad, all spheres.
-        law: constants of every pad.
-        friction: coefficient [-].
-        rough: the ground; ``None`` where it is even.
-
-    Attributes:
-        friction: coefficient [-]; may be changed between steps.
-        normal_force: on each foot in this step ``(feet,)`` [N].
-        deflection: how deep each pad is pressed at this instant, >= 0 ``(feet,)`` [m].
-        slid: how far each foot has slid over the ground in all ``(feet,)`` [m].
+    The feet are names of spheres, whose contacts with the ground the model leaves out. The friction
+    coefficient may be changed between steps; ``rough`` is ``None`` on even ground.
     """
+
+    normal_force: list[float]
+    """On each foot in this step ``(feet,)`` [N]."""
+    deflection: list[float]
+    """How deep each pad is pressed at this instant, >= 0 ``(feet,)`` [m]."""
+    slid: list[float]
+    """How far each foot has slid over the ground in all ``(feet,)`` [m]."""
 
     def __init__(
         self,

@@ -187,11 +187,8 @@ class JointDrive(Protocol):
 class Plant:
     """One robot in one simulation.
 
-    Args:
-        robot: what to simulate.
-        options: how.
-        settings: friction, payload, centre of mass, strength and initial joint noise of this trial; whoever
-            steps the plant sees to its other fields.
+    It takes friction, payload, centre of mass, strength and initial joint noise of a trial; whoever
+    steps the plant sees to the other fields.
 
     Raises:
         RobotModelError: the robot's model does not compile.
@@ -300,10 +297,8 @@ class Plant:
     ) -> DriveOutput:
         """One motor step: ask the motors for torques, and go on whether the robot has fallen or not.
 
-        Args:
-            desired_torque: ``(joints,)`` joint side [N m], before the motors' limits.
-            targets: ``(joints,)`` [rad], only recorded.
-            recorder: takes a sample every ``options.record_every`` motor steps.
+        The desired torques ``(joints,)`` are on the joint side, before the motors' limits [N m]; the targets
+        [rad] are only recorded, every ``options.record_every`` motor steps.
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         if self._strength != 1.0:

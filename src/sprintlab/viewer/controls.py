@@ -31,12 +31,7 @@ _PAD_HELP = (
 class Controls:
     """The main panel, docked at the right edge.
 
-    Args:
-        server: the page.
-        session: what the knobs turn.
-        do: runs an action between two frames.
-        darken: makes the page dark or light.
-        find: puts the camera back to the robot.
+    ``do`` runs an action between two frames, ``find`` puts the camera back to the robot.
     """
 
     def __init__(
@@ -44,7 +39,6 @@ class Controls:
         server: viser.ViserServer,
         session: Session,
         do: Callable[[Callable[[], object]], None],
-        darken: Callable[[bool], None],
         find: Callable[[], None],
     ) -> None:
         self._gui, self._session, self._do = server.gui, session, do
@@ -63,11 +57,9 @@ class Controls:
             self._add_keys()
             self._buttons("Robot", ("Stop", "Stand up", "Find"), _KEYS_HINT)
             self._pad = gui.add_html("", visible=False)
-        with gui.add_folder("Time and light"):
+        with gui.add_folder("Time"):
             self._pace = gui.add_dropdown("Pace", tuple(PACES))
             self._paused = gui.add_checkbox("Pause", False)
-            dark = gui.add_checkbox("Dark page", False)
-            dark.on_update(lambda _: darken(dark.value))
         with gui.add_folder("Policy and motors"):
             self._turns(gui.add_dropdown("Policy", session.policy_names), "policy", str)
             self._turns(gui.add_dropdown("Motor model", MOTOR_MODELS), "motor_model", str)
@@ -98,7 +90,9 @@ class Controls:
 
     def show_pad(self, pad: Gamepad) -> None:
         """Say whether the gamepad is there, and what its sticks and buttons do."""
-        state, text = ("connected", _PAD_HELP) if pad.connected else ("unplugged", "plug it in to go on")
+        state, text = (
+            ("connected", _PAD_HELP) if pad.connected else ("unplugged", "start again to drive with it")
+        )
         words = f"{html.escape(pad.name)} {state}: {text}"
         self._pad.content = f'<div class="sprintlab" id="gamepad" data-state="{state}">{words}</div>'
         self._pad.visible = True

@@ -39,11 +39,8 @@ class EnvelopePlot:
     ) -> str:
         """The SVG elements.
 
-        Args:
-            joint_speed: ``(n, joints)`` joint side [rad/s], oldest first.
-            motor_torque: ``(n, joints)`` motor side [N m].
-            model: motor law in use.
-            bus_voltage: [V].
+        Speeds on the joint side [rad/s] and torques on the motor side [N m] are ``(n, joints)``, oldest
+        first; the motor law is that in use, the bus voltage in [V].
         """
         speed, drawings = joint_speed * self._ratio, []
         for kind, joints in self._kinds.items():

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
-
-RETRY_INTERVAL = 1.0
-"""An unplugged pad is looked for this often [s]."""
+from sprintlab.core.joystick import Joystick, joystick_name
 
 STOP = "stop"
 ACTIONS = ("push-right", "push-left", STOP, "stand-up")
@@ -30,19 +25,17 @@ class PadReading:
 
 
 class Gamepad:
-    """A pad that may be unplugged and plugged in again; ``clock`` gives the present time [s].
+    """A pad that may be unplugged.
 
     Raises:
         JoystickError: there is no such device now, or it may not be read.
     """
 
-    def __init__(self, device: Path, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, device: Path) -> None:
         self.name = joystick_name(device)
-        self._device, self._clock = device, clock
         self._joystick = Joystick(device)
         self._told = (0.0, 0.0)
         self._stopped = False
-        self._next_try = 0.0
 
     @property
     def connected(self) -> bool:
@@ -52,11 +45,9 @@ class Gamepad:
     def read(self) -> PadReading:
         """Sticks and buttons since the last reading; a pad that just went asks for a stop once."""
         if not self.connected:
-            self._look_again()
             return PadReading()
         pressed = self._joystick.poll()
         if not self.connected:
-            self._told, self._next_try = (0.0, 0.0), self._clock() + RETRY_INTERVAL
             return PadReading(actions=(STOP,))
         actions = tuple(ACTIONS[button] for button in pressed if button < len(ACTIONS))
         return PadReading(sticks=self._moved_sticks(stopped=STOP in actions), actions=actions)
@@ -64,16 +55,6 @@ class Gamepad:
     def close(self) -> None:
         """Let go of the device; a second call does nothing."""
         self._joystick.close()
-
-    def _look_again(self) -> None:
-        if self._clock() < self._next_try:
-            return
-        self._next_try = self._clock() + RETRY_INTERVAL
-        try:
-            self._joystick = Joystick(self._device)
-        except JoystickError:
-            return
-        self.name = joystick_name(self._device)
 
     def _moved_sticks(self, stopped: bool) -> tuple[float, float] | None:
         """The sticks if they moved; after a stop they must come back to the middle first."""

@@ -15,16 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.commands import heading_command, limit_yaw_rate, self_paced, wrap_angle
-from sprintlab.control import Policy, PolicyRuntime
+from sprintlab.control import POLICY_RATE_HZ, Policy, PolicyRuntime
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, PreparedDrive, electrical_power
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, set_friction
-
-POLICY_RATE = 50.0
-"""Policy steps a second [Hz]."""
 
 HEADING_SLACK = 0.1
 """How far a standing robot may turn away before it is turned back [rad]."""
@@ -70,10 +67,6 @@ class LivePlant(Plant):
     def __init__(self, robot: RobotDescription, options: PlantOptions | None = None) -> None:
         super().__init__(robot, options or PlantOptions(), TrialSettings())
         self._trunk_mass = float(self.model.body_mass[self._trunk])
-
-    def change_motors(self, model: MotorModel, bus_voltage: float) -> None:
-        """Give every joint another motor law or bus voltage [V]."""
-        self.use_drive(PreparedDrive(self.robot.motors, self.robot.gear, bus_voltage, model))
 
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
@@ -142,10 +135,7 @@ class _Samples:
 class Session:
     """One robot, the policies that can drive it, and the knobs.
 
-    Args:
-        robot: what runs.
-        policies: by the names that ``Knobs.policy`` chooses from; the first is the one to start with.
-        options: how the robot is simulated.
+    ``Knobs.policy`` chooses from the names of the policies; the first is the one to start with.
 
     Raises:
         InvalidValueError: there is no policy.
@@ -161,7 +151,7 @@ class Session:
         self._runtimes = {name: PolicyRuntime(policy, robot) for name, policy in policies.items()}
         self.knobs = Knobs(policy=next(iter(policies)), bus_voltage=float(robot.bus_voltage))
         self._samples = _Samples(self.plant.joint_addresses[1])
-        self._steps_per_action = round(self.plant.options.motor_rate / POLICY_RATE)
+        self._steps_per_action = round(self.plant.options.motor_rate / POLICY_RATE_HZ)
         self._steps, self._falls, self._fallen_steps, self._earlier = 0, 0, 0, 0.0
         self._start_run()
 
@@ -179,7 +169,8 @@ class Session:
         knobs = replace(self.knobs, **changes)
         check_choice("policy", knobs.policy, self.policy_names)
         if (knobs.motor_model, knobs.bus_voltage) != (self.knobs.motor_model, self.knobs.bus_voltage):
-            self.plant.change_motors(knobs.motor_model, knobs.bus_voltage)
+            law = knobs.bus_voltage, knobs.motor_model
+            self.plant.use_drive(PreparedDrive(self.robot.motors, self.robot.gear, *law))
         self.plant.change_surroundings(knobs.friction, knobs.payload, knobs.slope)
         if knobs.policy != self.knobs.policy:
             self._runtimes[knobs.policy].reset()
@@ -230,11 +221,11 @@ class Session:
     def _next_command(self) -> FloatArray:
         """The knobs as a command: the speed rises and falls at 4 m/s^2, the heading follows the turns."""
         knobs, base = self.knobs, self.plant.base_state()
-        step = COMMAND_ACCELERATION / POLICY_RATE
+        step = COMMAND_ACCELERATION / POLICY_RATE_HZ
         self._asked += min(max(knobs.speed - self._asked, -step), step)
         speed = float(self_paced(self._asked, base.forward_speed)) if knobs.self_paced else self._asked
         turn = float(limit_yaw_rate(np.asarray(knobs.yaw_rate), np.asarray(speed), knobs.friction))
-        self._heading = float(wrap_angle(np.asarray(self._heading + turn / POLICY_RATE)))
+        self._heading = float(wrap_angle(np.asarray(self._heading + turn / POLICY_RATE_HZ)))
         error = float(wrap_angle(np.asarray(base.heading - self._heading)))
         if speed == 0.0 and turn == 0.0 and abs(error) < HEADING_SLACK:
             return np.zeros(3)  # a robot that is to stand is left in peace

@@ -84,10 +84,6 @@ class PaceMeter:
 class Page:
     """A session in the browser.
 
-    Args:
-        session: the robot that runs.
-        options: where the page is served.
-
     Raises:
         JoystickError: the gamepad cannot be read.
         SprintlabError: the page cannot be served there.
@@ -109,11 +105,9 @@ class Page:
                 host=options.host, port=options.port, label="sprintlab play", verbose=False
             )
         self._scene = Scene(self.server, session)
-        self._darken(False)
+        self.server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._plots = Plots(self.server, session.robot)
-        self._controls = Controls(
-            self.server, session, self._actions.put, self._darken, self._scene.find_robot
-        )
+        self._controls = Controls(self.server, session, self._actions.put, self._scene.find_robot)
 
     @property
     def address(self) -> str:
@@ -177,9 +171,3 @@ class Page:
         pace = self._pace.after(snapshot.time, time.perf_counter())
         if picture % PLOT_EVERY == 0:
             self._plots.draw(snapshot, self.session.knobs, pace)
-
-    def _darken(self, dark: bool) -> None:
-        self.server.gui.configure_theme(
-            dark_mode=dark, control_width="medium", show_logo=False, show_share_button=False
-        )
-        self._scene.darken(dark)

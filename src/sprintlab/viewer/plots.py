@@ -39,9 +39,7 @@ _STYLE = """<style>
 class Plots:
     """A status at the head of the main panel, and a panel of its own at the left edge of the page.
 
-    Args:
-        server: the page; nothing is in its main panel yet.
-        robot: whose motors are drawn.
+    The main panel must be empty before.
     """
 
     def __init__(self, server: viser.ViserServer, robot: RobotDescription) -> None:

@@ -125,12 +125,8 @@ def render_replay(
 ) -> str:
     """The page as HTML text.
 
-    Args:
-        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
-        robot: the robot that ran.
-        text: what the page says about it.
-        ghosts: further runs, each on the next lane; all clocks start with the first command.
-        pace: a pace on the last lane.
+    The arrays are those of ``load_arrays`` or ``Trajectory.arrays``. Further runs, the ghosts, have the next
+    lanes and a pace the last one; all clocks start with the first command.
 
     Raises:
         SprintlabError: a trajectory is another robot's.

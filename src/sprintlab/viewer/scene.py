@@ -18,8 +18,7 @@ LANES = 9
 _MARKS_EVERY = 10.0  # lines across the track [m]
 _REACH = 60.0  # how far the track is drawn, ahead and behind [m]
 _LINE = 0.025  # half the width of a line [m]
-_TRACK, _DARK_TRACK = (152, 72, 50), (96, 46, 34)
-_GRASS, _DARK_GRASS = (96, 122, 84), (40, 52, 38)
+_TRACK, _GRASS = (152, 72, 50), (96, 122, 84)
 _PAINT = (238, 238, 238)
 _CAMERA, _LOOK_AT = (-1.6, -2.4, 0.9), (0.1, 0.0, 0.35)  # beside the trunk, which stays in the middle [m]
 
@@ -33,7 +32,6 @@ class Scene:
         self._world = self._scene.add_frame("/world", show_axes=False)
         self._trunk = session.plant.model.body("trunk").id
         self._ground = self._scene.add_frame("/world/ground", show_axes=False)
-        self._dark = False
         self._add_ground()
         self._frames: dict[int, viser.FrameHandle] = {}
         self._add_robot(session)
@@ -43,11 +41,10 @@ class Scene:
 
     def _add_ground(self) -> None:
         """Grass, the track of the replay on it, lane lines, and a line across every ten metres."""
-        track, grass = (_DARK_TRACK, _DARK_GRASS) if self._dark else (_TRACK, _GRASS)
         half = 0.5 * LANES * LANE_WIDTH
         patches = {
-            "grass": (_rectangles([(-_REACH, _REACH, -_REACH, _REACH)], -0.008), grass),
-            "track": (_rectangles([(-_REACH, _REACH, -half - 0.5, half + 0.5)], -0.004), track),
+            "grass": (_rectangles([(-_REACH, _REACH, -_REACH, _REACH)], -0.008), _GRASS),
+            "track": (_rectangles([(-_REACH, _REACH, -half - 0.5, half + 0.5)], -0.004), _TRACK),
             "lines": (_rectangles(track_lines(), -0.001), _PAINT),
         }
         for name, ((vertices, faces), color) in patches.items():
@@ -87,12 +84,6 @@ class Scene:
         for client in self._server.get_clients().values():
             client.camera.position, client.camera.look_at = _CAMERA, _LOOK_AT
             client.camera.up_direction = (0.0, 0.0, 1.0)
-
-    def darken(self, dark: bool) -> None:
-        """Give the ground the colour that fits a dark or a light page."""
-        if dark != self._dark:
-            self._dark = dark
-            self._add_ground()
 
 
 def track_lines() -> list[tuple[float, float, float, float]]:
