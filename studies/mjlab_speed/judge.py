@@ -18,7 +18,7 @@ from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.rollout_audit import audit_rollout
 from sprintlab.evaluation.rollouts import Rollout
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import BlindRecorder, Plant, PlantOptions, TrialSettings
+from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, load_robot, match_joints, robot_motors
 from studies.mjlab_speed.train import NO_LOAD_SPEED, STALL_TORQUE
 
@@ -131,7 +131,7 @@ def hold(policy: Policy, law: str, command: float, seed: int, hold_time: float =
             position, velocity = plant.joint_state()
             position, velocity = position.copy(), velocity.copy()
             wanted = robot.stiffness * (targets - position) - robot.damping * velocity
-            output = plant.drive_joints(wanted, targets, BlindRecorder())
+            output = plant.drive_joints(wanted, targets)
             if plant.time >= begin:
                 samples.append((velocity, wanted, output.torque.copy()))
         speeds.append((plant.time, plant.base_state().forward_speed))

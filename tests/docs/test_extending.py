@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from sprintlab.commands import CommandStep, check_schedule, initial_state
 from sprintlab.control import OBSERVABLES
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.plant import BlindRecorder
 from sprintlab.robots import load_robot, robot_names
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
@@ -47,7 +46,7 @@ def test_power_limited_drive(example):
     for speed in (-30.0, 0.0, 25.0):
         assert_allclose(roomy.limits(np.full(12, speed)), refined.limits(np.full(12, speed)))
     assert refined(np.full(12, 200.0), np.full(12, 20.0)).motor_torque.max() * 120.0 > 1500.0
-    names["plant"].advance(robot.default_pose, 5, BlindRecorder())
+    names["plant"].advance(robot.default_pose, 5)
 
 
 def test_staircase_climbs_to_its_target(example):

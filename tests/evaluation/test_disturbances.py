@@ -61,12 +61,7 @@ def test_the_plant_is_as_weak_and_lopsided_as_the_trial_says(robot):
     moved = changed.model.body_ipos[trunk] - nominal.model.body_ipos[trunk]
     np.testing.assert_allclose(moved, (0.02, -0.01, 0.03))
 
-    class Blind:
-        def sample(self, data, drive, targets): ...
-
-        def watch_step(self, data): ...
-
-    given = [plant.drive_joints(np.full(12, 5.0), np.zeros(12), Blind()) for plant in (nominal, changed)]
+    given = [plant.drive_joints(np.full(12, 5.0), np.zeros(12)) for plant in (nominal, changed)]
     np.testing.assert_allclose(given[1].torque, 0.9 * given[0].torque)
     before = changed.data.qvel[:2].copy()
     changed.push(np.array([0.3, -0.4]))

@@ -11,7 +11,7 @@ from benchmarks.foot_drop import drop_model, drop_test, exact_drop
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.trial import TrialRequest, run_trial
-from sprintlab.plant import BlindRecorder, PlantOptions, TrialSettings, check_engine, on_engine, open_plant
+from sprintlab.plant import PlantOptions, TrialSettings, check_engine, on_engine, open_plant
 from sprintlab.robots import ModelOptions, RobotDescription, build_model, load_robot, robot_spec
 from sprintlab.robots.foot import FootContact
 
@@ -152,10 +152,10 @@ def test_legs_touch_what_they_touch_in_mujoco(robot: RobotDescription) -> None:
 def test_a_standing_robot_weighs_what_it_weighs(robot: RobotDescription) -> None:
     options = on_engine(PlantOptions(), "drake")
     plant = open_plant(robot, options, TrialSettings(payload=2.0))
-    plant.advance(robot.default_pose, 600, BlindRecorder())
+    plant.advance(robot.default_pose, 600)
     vertical = []
     for _ in range(100):
-        plant.advance(robot.default_pose, 1, BlindRecorder())
+        plant.advance(robot.default_pose, 1)
         vertical.append(sum(plant.pads.normal_force))
     assert np.mean(vertical) == pytest.approx((robot.total_mass + 2.0) * 9.81, rel=0.03)
     assert plant.time == pytest.approx(0.7)
@@ -182,7 +182,7 @@ def test_the_same_run_twice_is_the_same(robot: RobotDescription) -> None:
         open_plant(robot, on_engine(PlantOptions(), "drake"), TrialSettings(joint_noise=0.05)) for _ in "ab"
     ]
     for plant in plants:
-        plant.advance(robot.default_pose, 100, BlindRecorder())
+        plant.advance(robot.default_pose, 100)
     np.testing.assert_array_equal(plants[0].data.qpos, plants[1].data.qpos)
 
 

@@ -5,7 +5,6 @@ import pytest
 from benchmarks.foot_drop import FRICTION, drop_course, drop_test, exact_drop
 
 from sprintlab.plant import Ground, Plant, PlantOptions, TrialSettings
-from sprintlab.plant.plant import BlindRecorder
 from sprintlab.robots import FootContact, load_robot
 
 MASS = 1.6  # of BP2's leg [kg]
@@ -77,7 +76,7 @@ def test_the_closed_form_solves_the_equation_of_motion() -> None:
 def test_a_robot_stands_on_a_slope_without_sliding() -> None:
     robot = load_robot("bp2")
     plant = Plant(robot, PlantOptions(ground=Ground(slope=0.05)), TrialSettings())
-    assert plant.advance(robot.default_pose, 1000, BlindRecorder())
+    assert plant.advance(robot.default_pose, 1000)
     normal, deflection = np.array(plant.pads.normal_force), np.array(plant.pads.deflection)
     assert normal.sum() == pytest.approx(robot.total_mass * 9.81 / np.hypot(1.0, 0.05), rel=0.03)
     np.testing.assert_allclose(normal, 80e3 * deflection, rtol=0.01)
@@ -91,6 +90,6 @@ def test_a_robot_put_on_its_feet_again_stands_as_it_did_at_first() -> None:
     ends = []
     for _ in range(2):
         plant._place(TrialSettings())
-        plant.advance(robot.default_pose, 100, BlindRecorder())
+        plant.advance(robot.default_pose, 100)
         ends.append(plant.data.qpos.copy())
     np.testing.assert_array_equal(*ends)

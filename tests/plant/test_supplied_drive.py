@@ -28,7 +28,7 @@ from sprintlab.motors import (
     warmed,
     warmed_with_housing,
 )
-from sprintlab.plant import BlindRecorder, Plant, PlantOptions, SuppliedDrive, TrialSettings
+from sprintlab.plant import Plant, PlantOptions, SuppliedDrive, TrialSettings
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
@@ -141,7 +141,7 @@ def test_the_plant_uses_them_only_where_asked(standing_targets):
     plant = Plant(ROBOT, options, TrialSettings())
     assert plant.supply is not None
     assert plant.supply.state_of_charge == 0.5
-    plant.advance(standing_targets, 200, BlindRecorder())
+    plant.advance(standing_targets, 200)
     assert plant.supply.bus_voltage < float(open_circuit_voltage(Battery(), 0.5))
     assert plant.supply.state_of_charge < 0.5
     winding = plant.supply.winding_temperature
@@ -169,6 +169,6 @@ def test_heat_and_limits_of_another_number_of_motors_are_refused():
 def test_a_robot_stands_on_the_cells_of_its_own_table(name: str, full: float) -> None:
     robot = load_robot(name)
     plant = Plant(robot, PlantOptions(battery="robot"), TrialSettings())
-    plant.advance(robot.default_pose, 1, BlindRecorder())
+    plant.advance(robot.default_pose, 1)
     assert plant.supply is not None
     assert plant.supply.bus_voltage == pytest.approx(full, rel=0.01)

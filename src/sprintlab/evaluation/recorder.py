@@ -11,13 +11,13 @@ from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.motor_steps import MotorSteps
 from sprintlab.evaluation.results import Trajectory, require_finite
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import STANCE_FORCE, Plant
+from sprintlab.plant import STANCE_FORCE, MotionRecorder, Plant
 
 _SHAPES = ("thigh", "shank", "foot")  # a sphere is a capsule whose axis has no length
 _SUPPLY = ("winding_temperature", "i2t_level")  # fields of ``SupplyState``, where they are not None
 
 
-class Recorder:
+class Recorder(MotionRecorder):
     """Samples of one trial.
 
     Args:

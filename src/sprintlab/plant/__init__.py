@@ -13,7 +13,6 @@ from sprintlab.plant.pad import PadLaw as PadLaw
 from sprintlab.plant.pad import Pads as Pads
 from sprintlab.plant.plant import ENGINES as ENGINES
 from sprintlab.plant.plant import BaseState as BaseState
-from sprintlab.plant.plant import BlindRecorder as BlindRecorder
 from sprintlab.plant.plant import JointDrive as JointDrive
 from sprintlab.plant.plant import MotionRecorder as MotionRecorder
 from sprintlab.plant.plant import Plant as Plant

@@ -8,8 +8,9 @@ viscous and dry friction act on the joints themselves.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -154,34 +155,19 @@ class BaseState:
     distance: float  # distance along x since the start [m]
 
 
-class MotionRecorder(Protocol):
-    """Looks at the simulation while it runs."""
+class MotionRecorder:
+    """Looks at the simulation while it runs; this one keeps nothing."""
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
         """Take one sample; ``data`` holds the kinematics of its present state (after ``mj_step1``)."""
-        ...
 
     def watch_step(self, data: mujoco.MjData) -> None:
         """Look on after each physics step; velocities are new, kinematics and forces those of the step."""
-        ...
 
 
-class BlindRecorder:
-    """Records nothing."""
-
-    def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
-        """Do nothing."""
-
-    def watch_step(self, data: mujoco.MjData) -> None:
-        """Do nothing."""
-
-
-class JointDrive(Protocol):
-    """Twelve motors: what they give of what is asked for."""
-
-    def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray, /) -> DriveOutput:
-        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
-        ...
+JointDrive = Callable[[FloatArray, FloatArray], DriveOutput]
+"""What all motors give of joint torques [N m] at joint velocities [rad/s], both ``(joints,)``."""
+_UNWATCHED = MotionRecorder()
 
 
 class Plant:
@@ -273,7 +259,7 @@ class Plant:
             distance=float(self._position[0]),
         )
 
-    def advance(self, targets: FloatArray, motor_steps: int, recorder: MotionRecorder) -> bool:
+    def advance(self, targets: FloatArray, motor_steps: int, recorder: MotionRecorder = _UNWATCHED) -> bool:
         """Hold joint targets ``(joints,)`` [rad] for some motor steps.
 
         Returns:
@@ -293,7 +279,7 @@ class Plant:
         return True
 
     def drive_joints(
-        self, desired_torque: FloatArray, targets: FloatArray, recorder: MotionRecorder
+        self, desired_torque: FloatArray, targets: FloatArray, recorder: MotionRecorder = _UNWATCHED
     ) -> DriveOutput:
         """One motor step: ask the motors for torques, and go on whether the robot has fallen or not.
 

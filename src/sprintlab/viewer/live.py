@@ -20,7 +20,7 @@ from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, PreparedDrive, electrical_power
-from sprintlab.plant import Plant, PlantOptions, TrialSettings
+from sprintlab.plant import MotionRecorder, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, set_friction
 
 HEADING_SLACK = 0.1
@@ -107,7 +107,7 @@ class Snapshot:
 
 
 @dataclass
-class _Samples:
+class _Samples(MotionRecorder):
     """Motor samples since the last snapshot; the plant's recorder."""
 
     joints: NDArray[np.int64]
@@ -119,9 +119,6 @@ class _Samples:
         self.speed.append(data.qvel[self.joints])
         self.torque.append(np.asarray(drive.motor_torque))
         self.direct_current.append(np.broadcast_to(drive.direct_current, self.joints.shape))
-
-    def watch_step(self, data: mujoco.MjData) -> None:
-        """Feet are only watched by an evaluation."""
 
     def take(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint speed, motor torque and direct current as ``(n, joints)`` arrays; starts anew."""

@@ -23,7 +23,7 @@ from sprintlab.deployment.messages import (
     check_command,
 )
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import BlindRecorder, Plant, PlantOptions, TrialSettings
+from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 TYPICAL_NOISE = {
@@ -128,7 +128,7 @@ class SimulatedRobot:
             self._expired = True
             self.watchdog_trips += self._command is not None and self._command.mode != JointMode.OFF
         wanted, targets = self._wanted(*self.plant.joint_state())
-        self._drive = self.plant.drive_joints(wanted, targets, BlindRecorder())
+        self._drive = self.plant.drive_joints(wanted, targets)
         self._steps += 1
         self._notice_falls()
 
@@ -213,7 +213,7 @@ class SimulatedRobot:
         data = self.plant.data
         for _ in range(round(_SETTLING / self._period)):
             wanted = -self._robot.damping * self.plant.joint_state()[1]
-            self.plant.drive_joints(wanted, self._robot.default_pose, BlindRecorder())
+            self.plant.drive_joints(wanted, self._robot.default_pose)
         data.qpos[:2] = 0.0
         data.qvel[:] = 0.0
         data.time = 0.0
