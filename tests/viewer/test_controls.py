@@ -11,7 +11,7 @@ from sprintlab.viewer.live import Session
 
 pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'")
 
-from sprintlab.viewer.page import Page, PageOptions
+from sprintlab.viewer.page import Page
 
 PATIENCE = 180_000  # milliseconds; software rendering on a shared core is slow
 
@@ -30,7 +30,7 @@ def pad(tmp_path_factory):
 def page(robot, policy, pad):
     """A page that simulates in a thread of its own."""
     session = Session(robot, {"sprint": policy, "again": policy})
-    served = Page(session, PageOptions(port=8261, gamepad=pad[0]))
+    served = Page(session, port=8261, gamepad=pad[0])
     # Without a GPU, a picture lit by viser's photograph of a hall takes seconds, and the page stands still.
     served.server.scene.configure_environment_map(None)
     served.server.scene.configure_default_lights(cast_shadow=False)

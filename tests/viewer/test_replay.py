@@ -17,7 +17,6 @@ from sprintlab.viewer.envelope_plot import EnvelopePlot
 from sprintlab.viewer.replay import (
     WORLD_RECORDS,
     ReplayRun,
-    ReplayText,
     render_replay,
     torque_share,
 )
@@ -32,7 +31,7 @@ def start_of(arrays):
 
 @pytest.fixture(scope="module")
 def page(recorded, robot):
-    return render_replay(recorded, robot, ReplayText(title=f"A run {MISCHIEF}", subtitle="test"))
+    return render_replay([ReplayRun(arrays=recorded, robot=robot)], f"A run {MISCHIEF}", "test")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +56,8 @@ def test_every_robot_can_be_replayed_and_shown(name):
     limits = {"torque_lower": np.full((count, joints), -1.0), "torque_upper": np.full((count, joints), 1.0)}
     flat = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
     arrays = {"time": np.arange(count) / 500.0, "qpos": np.tile(model.key("stand").qpos, (count, 1))}
-    page = render_replay({**arrays, **still, **limits, **flat}, robot, ReplayText(title=name))
+    run = ReplayRun(arrays={**arrays, **still, **limits, **flat}, robot=robot)
+    page = render_replay([run], name)
     assert robot.joint_names[0].replace("_", " ") in page
     drawing = EnvelopePlot(robot).draw(np.zeros((2, joints)), np.zeros((2, joints)), "refined", 20.0)
     assert drawing.count("<circle") == joints
@@ -116,7 +116,8 @@ def test_the_clock_starts_with_the_command_and_stops_at_the_finish(tab, recorded
     way = recorded["qpos"][:, 0] - recorded["qpos"][0, 0]
     reached = float(np.interp(distance, way, recorded["time"])) - start_of(recorded)
     path = tmp_path / "short.html"
-    path.write_text(render_replay(recorded, robot, ReplayText(title="x", distance=distance)))
+    run = ReplayRun(arrays=recorded, robot=robot)
+    path.write_text(render_replay([run], "x", distance=distance))
     tab.goto(path.as_uri())
     tab.wait_for_function("window.replay !== undefined")
     for moment, clock in ((-0.5, 0.0), (0.5, 0.5), (reached + 1.0, reached)):
@@ -133,9 +134,9 @@ def ghosts(recorded, robot, tmp_path_factory):
     late = {**recorded, "command": recorded["command"].copy()}
     late["command"][recorded["time"] < start_of(recorded) + 0.1] = 0.0
     ghost = ReplayRun(arrays=late, robot=robot, name="late")
-    text = ReplayText(title="two", runner="first", distance=1.0)
+    first = ReplayRun(arrays=recorded, robot=robot, name="first")
     path = tmp_path_factory.mktemp("ghosts") / "ghosts.html"
-    path.write_text(render_replay(recorded, robot, text, [ghost], WORLD_RECORDS[100.0]))
+    path.write_text(render_replay([first, ghost], "two", "", 1.0, WORLD_RECORDS[100.0]))
     return path
 
 
@@ -180,4 +181,4 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
 def test_a_trajectory_of_another_robot_is_refused(recorded, robot, name, columns, message):
     other = {**recorded, name: recorded[name][:, :columns]}
     with pytest.raises(SprintlabError, match=message):
-        render_replay(other, robot, ReplayText(title="x"))
+        render_replay([ReplayRun(arrays=other, robot=robot)], "x")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +12,12 @@ from sprintlab.api.results import Result
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
-from sprintlab.core.files import check_writable_file
+from sprintlab.core.files import atomic_write_text, check_writable_file
 from sprintlab.core.joystick import DEFAULT_DEVICE
 from sprintlab.core.reading import read_json, refused_as_damaged
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.viewer import replay as replays
-from sprintlab.viewer.replay import ReplayRun, ReplayText
+from sprintlab.viewer.replay import ReplayRun
 
 if TYPE_CHECKING:
     from sprintlab.viewer.live import Session
@@ -54,16 +53,16 @@ def replay(
     runs = [_run(path, result, robot) for path, result in zip(paths, results, strict=True)]
     if replays.is_lap(runs[0].arrays):
         results[0].setdefault("distance_m", 400.0)
-    text, pace = _text(paths[0], runs[0].robot.name, results[0], runs[0].name), None
-    if world_record and (pace := replays.WORLD_RECORDS.get(text.distance)) is None:
+    (title, subtitle, distance), pace = _text(paths[0], runs[0].robot.name, results[0]), None
+    if world_record and (pace := replays.WORLD_RECORDS.get(distance)) is None:
         known = " and ".join(f"{known:g} m" for known in replays.WORLD_RECORDS)
-        raise InvalidValueError("world_record", f"{text.distance:g} m", f"records are known over {known}")
+        raise InvalidValueError("world_record", f"{distance:g} m", f"records are known over {known}")
     alone = len(runs) == 1 and pace is None
     if not alone:
         against = " against ".join([*(run.name for run in runs), *(["the world record"] if pace else [])])
-        text = replace(text, title=against, subtitle=f"{text.distance:g} m")
+        title, subtitle = against, f"{distance:g} m"
     page = paths[0].with_name("replay.html" if alone else "ghosts.html") if output is None else Path(output)
-    replays.write_replay(page, runs[0].arrays, runs[0].robot, text, runs[1:], pace)
+    atomic_write_text(page, replays.render_replay(runs, title, subtitle, distance, pace))
     numbers = {"page": str(page), "bytes": page.stat().st_size}
     return Result(numbers=numbers, shown=[f"replay: {page}"], page=page)
 
@@ -71,8 +70,9 @@ def replay(
 def write_race_replay(folder: Path, robot: RobotDescription) -> None:
     """The 100 m of this robot as an interactive page beside the report."""
     path = folder / RECORDING
-    text = _text(path, robot.name, _race_result(path))
-    replays.write_replay(folder / "replay.html", replays.load_arrays(path), robot, text)
+    run = ReplayRun(arrays=replays.load_arrays(path), robot=robot)
+    page = replays.render_replay([run], *_text(path, robot.name, _race_result(path)))
+    atomic_write_text(folder / "replay.html", page)
 
 
 def _run(path: Path, result: dict[str, Any], robot: RobotChoice) -> ReplayRun:
@@ -103,8 +103,8 @@ def _race_result(trajectory: Path) -> dict[str, Any]:
         return {name: value for name, value in read_json(path, what="result").items() if value is not None}
 
 
-def _text(trajectory: Path, robot: str, result: dict[str, Any], runner: str = "") -> ReplayText:
-    """Heading and subtitle of the page."""
+def _text(trajectory: Path, robot: str, result: dict[str, Any]) -> tuple[str, str, float]:
+    """Heading and subtitle of the page, and the distance that was run [m]."""
     with refused_as_damaged(trajectory.with_name("result.json"), "is not the result of a race"):
         distance, policy = float(result.get("distance_m", 100.0)), result.get("policy")
         time, top = (
@@ -115,8 +115,7 @@ def _text(trajectory: Path, robot: str, result: dict[str, Any], runner: str = ""
         what = f"{distance:g} m in {time:.2f} s" if sprint else trajectory.stem
         parts = [f"policy {policy}" if policy else "", f"command up to {top:g} m/s" if top else ""]
         parts.append(_VERDICTS[result.get("audit", {}).get("passed")])
-    subtitle = ", ".join(filter(None, parts))
-    return ReplayText(title=f"{robot.upper()}: {what}", subtitle=subtitle, distance=distance, runner=runner)
+    return f"{robot.upper()}: {what}", ", ".join(filter(None, parts)), distance
 
 
 @checked
@@ -143,11 +142,10 @@ def play(
         duration: stop after this time [s]; runs until Ctrl-C when left out.
     """
     require_package("viser", extra="play", use="sprintlab play")
-    from sprintlab.viewer.page import Page, PageOptions
+    from sprintlab.viewer.page import Page
 
     pad = gamepad_device if gamepad else None
-    options = PageOptions(host=host, port=port, duration=duration, gamepad=pad)
-    page = Page(live_session(policies, robot), options)
+    page = Page(live_session(policies, robot), host, port, duration, pad)
     shown = [f"open {page.address} in a browser; Ctrl-C ends it"]
     return Result(numbers={"address": page.address}, shown=shown, serve=page.run)
 

@@ -9,7 +9,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -31,25 +30,6 @@ PLOT_EVERY = 4
 
 _OWN_NAMES = {"0.0.0.0": "localhost", "::": "localhost"}  # all interfaces: no address to open
 _LONGEST_ADVANCE = 0.1  # simulated seconds in one picture, however late it is
-
-
-@dataclass(frozen=True, kw_only=True)
-class PageOptions:
-    """Where the page is served, and what drives it besides the browser.
-
-    Raises:
-        InvalidValueError: a field is out of range.
-    """
-
-    host: str = "localhost"  # interface to listen on; ``localhost`` keeps it on this machine
-    port: int = 8080  # first port to try, 1 to 65535
-    duration: float | None = None  # stop after this time [s]; None runs until interrupted
-    gamepad: Path | None = None  # joystick device that moves the sliders too
-
-    def __post_init__(self) -> None:
-        check_range("port", self.port, 1, 65535)
-        if self.duration is not None:
-            check_positive("duration", self.duration, "s")
 
 
 def check_host(host: str) -> None:
@@ -84,16 +64,34 @@ class PaceMeter:
 class Page:
     """A session in the browser.
 
+    Args:
+        session: the robot that runs.
+        host: interface to listen on; ``localhost`` keeps it on this machine.
+        port: first port to try.
+        duration: stop after this time [s]; ``None`` runs until interrupted.
+        gamepad: joystick device that moves the sliders too.
+
     Raises:
+        InvalidValueError: port or duration is out of range.
         JoystickError: the gamepad cannot be read.
         SprintlabError: the page cannot be served there.
     """
 
-    def __init__(self, session: Session, options: PageOptions) -> None:
-        self.session = session
-        self.options = options
-        check_host(options.host)
-        self._pad = None if options.gamepad is None else Gamepad(options.gamepad)
+    def __init__(
+        self,
+        session: Session,
+        host: str = "localhost",
+        port: int = 8080,
+        duration: float | None = None,
+        gamepad: Path | None = None,
+    ) -> None:
+        check_range("port", port, 1, 65535)
+        if duration is not None:
+            check_positive("duration", duration, "s")
+        check_host(host)
+        self.session, self._host = session, host
+        self._duration = math.inf if duration is None else duration
+        self._pad = None if gamepad is None else Gamepad(gamepad)
         self._pad_shown = ""
         self._actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._owed = 0.0
@@ -101,9 +99,7 @@ class Page:
         self._pace = PaceMeter()
         # viser's banner is not shown: the command says where the page is.
         with redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(
-                host=options.host, port=options.port, label="sprintlab play", verbose=False
-            )
+            self.server = viser.ViserServer(host=host, port=port, label="sprintlab play", verbose=False)
         self._scene = Scene(self.server, session)
         self.server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._plots = Plots(self.server, session.robot)
@@ -112,7 +108,7 @@ class Page:
     @property
     def address(self) -> str:
         """What to open in a browser on this machine."""
-        host = _OWN_NAMES.get(self.options.host, self.options.host)
+        host = _OWN_NAMES.get(self._host, self._host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
 
     def run(self) -> None:
@@ -121,10 +117,9 @@ class Page:
         The server stops at the end, interrupted or not.
         """
         started = last = time.perf_counter()
-        duration = math.inf if self.options.duration is None else self.options.duration
         picture = 0
         try:
-            while not self._ended and last - started < duration:
+            while not self._ended and last - started < self._duration:
                 now = time.perf_counter()
                 self._follow_pad()
                 self._take_actions()

@@ -24,7 +24,6 @@ from sprintlab.core.archives import read_samples
 from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import electrical_power
 from sprintlab.robots import ModelOptions, RobotDescription, build_model
 from sprintlab.viewer.meshes import Surface, robot_surfaces
@@ -40,29 +39,12 @@ NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayText:
-    """What the page says about the run.
-
-    Raises:
-        InvalidValueError: the distance is not positive.
-    """
-
-    title: str
-    subtitle: str = ""  # one line below the title
-    distance: float = 100.0  # where the clock stops [m]
-    runner: str = ""  # name of the first run where it runs against others; the robot's when left out
-
-    def __post_init__(self) -> None:
-        check_positive("replay.distance", self.distance, "m")
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReplayRun:
     """One recorded run of a page."""
 
     arrays: Mapping[str, Array]  # from ``load_arrays`` or ``Trajectory.arrays``
     robot: RobotDescription
-    name: str = ""  # what the page calls it where it runs against others
+    name: str = ""  # what the page calls it where it runs against others; the robot's when left out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,47 +86,35 @@ def load_arrays(path: Path) -> dict[str, Array]:
     return arrays
 
 
-def write_replay(
-    path: Path,
-    arrays: Mapping[str, Array],
-    robot: RobotDescription,
-    text: ReplayText,
-    ghosts: Sequence[ReplayRun] = (),
-    pace: Pace | None = None,
-) -> None:
-    """Write ``render_replay`` to an HTML file."""
-    atomic_write_text(path, render_replay(arrays, robot, text, ghosts, pace))
-
-
 def render_replay(
-    arrays: Mapping[str, Array],
-    robot: RobotDescription,
-    text: ReplayText,
-    ghosts: Sequence[ReplayRun] = (),
+    runs: Sequence[ReplayRun],
+    title: str,
+    subtitle: str = "",
+    distance: float = 100.0,
     pace: Pace | None = None,
 ) -> str:
-    """The page as HTML text.
+    """The page as HTML text: runs on neighbouring lanes, a pace on the last one.
 
-    The arrays are those of ``load_arrays`` or ``Trajectory.arrays``. Further runs, the ghosts, have the next
-    lanes and a pace the last one; all clocks start with the first command.
+    All clocks start with the first command and stop at the distance [m].
 
     Raises:
+        InvalidValueError: the distance is not positive.
         SprintlabError: a trajectory is another robot's.
     """
-    runs = (ReplayRun(arrays=arrays, robot=robot, name=text.runner or robot.name), *ghosts)
+    check_positive("replay.distance", distance, "m")
     robots: dict[str, RobotDescription] = {run.robot.name: run.robot for run in runs}
     models = {name: build_model(one, ModelOptions(visuals=True)) for name, one in robots.items()}
     lap = any(is_lap(run.arrays) for run in runs)
     scene = {
         "course": "lap" if lap else "straight",
-        "distance": text.distance,
+        "distance": distance,
         "models": [_model(models[name], one) for name, one in robots.items()],
         "runs": [
             {
-                "name": run.name,
+                "name": run.name or run.robot.name,
                 "color": COLORS[index % len(COLORS)],
                 "model": list(robots).index(run.robot.name),
-                **_run(run, models[run.robot.name], text.distance, lap),
+                **_run(run, models[run.robot.name], distance, lap),
             }
             for index, run in enumerate(runs)
         ],
@@ -153,7 +123,7 @@ def render_replay(
     # No text inside may end the script element it stands in.
     data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     pages = Environment(loader=PackageLoader("sprintlab.viewer"), autoescape=True, undefined=StrictUndefined)
-    return pages.get_template("replay.html.j2").render(title=text.title, subtitle=text.subtitle, data=data)
+    return pages.get_template("replay.html.j2").render(title=title, subtitle=subtitle, data=data)
 
 
 def _pace(pace: Pace) -> dict[str, Any]:
