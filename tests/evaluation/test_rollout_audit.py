@@ -148,14 +148,6 @@ def test_without_names_the_assumed_order_is_printed(tmp_path):
     assert named.found == found.found and "assumed" not in str(named)
 
 
-def test_a_foot_that_never_touches_is_named(rollout, tmp_path):
-    contact = np.repeat(rollout.foot_contact, 4, axis=1) * [1, 1, 1, 0]
-    path = saved(tmp_path / "a.npz", rollout, foot_contact=contact, foot_velocity=None, foot_names=LEGS)
-    assert "never on the ground: RR\n" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
-    path = saved(tmp_path / "a.npz", rollout, foot_contact=None, foot_velocity=None)
-    assert "foot_contact was not recorded" in str(sl.audit_rollout(path, motor=ACTUATOR.name))
-
-
 def write_csv(path, rollout):
     """The tables in opposite orders: columns belong together by name."""
     columns = {"time": rollout.time}

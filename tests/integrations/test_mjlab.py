@@ -206,20 +206,6 @@ def test_mjlabs_data_sheet_becomes_a_motor():
     assert refined[[0, -1]] == pytest.approx(line[[0, -1]], abs=1e-9) and np.all(refined[1:-1] < line[1:-1])
 
 
-def test_bad_configurations_are_refused():
-    for changes, words in (
-        ({"model": "brushed"}, "model"),
-        ({"motors": replace(motors(), bus_voltage=0.0)}, "bus_voltage"),
-        ({"i2t": I2tLimit(continuous_current=60.0, time_constant=1.0)}, "must lie below the peak current"),
-        ({"transmission_type": TransmissionType.TENDON}, "must be joint"),
-    ):
-        with pytest.raises(InvalidValueError, match=words):
-            configuration(**changes)
-    for changes in ({"lower": 3.0, "upper": 2.0}, {"upper": 3.0, "top": 2.0}, {"friction": 0.0}):
-        with pytest.raises(InvalidValueError):
-            AdaptiveVelocityCommandCfg(**changes)
-
-
 def test_bus_voltages_are_drawn_one_an_environment_and_reach_the_fused_law(build):
     groups = [build(), build(first_joint=2)]
     fused, _ = FusedActuatorGroup.process(groups)

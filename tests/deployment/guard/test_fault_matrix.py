@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -256,16 +255,6 @@ def test_the_matrix_leaves_no_fault_of_a_run_out():
         known = {fault for fault in Fault if fault.reaction is reaction}
         not_at_speed = {Fault.STAND_FAILED, Fault.BRAKE_FAILED}  # see test_modes
         assert {fault for fault, _ in table.values()} == known - not_at_speed
-
-
-def test_the_page_lists_every_response_as_it_is():
-    lines = ["| fault | what it is | reaction | within |", "|---|---|---|---|"]
-    for fault in Fault:
-        within = f"{1e3 * fault.within:g} ms"
-        lines.append(f"| `{fault.value}` | {fault.meaning} | {fault.reaction.value} | {within} |")
-    page = (Path(__file__).parents[3] / "docs" / "deployment.md").read_text(encoding="utf-8")
-    assert "\n".join(lines) in page
-    assert f"{sum(map(len, (DROPPED, STOPPED, BRAKED)))} faults" in page
 
 
 def onset_and_reaction(rig: Any, stimulus: Stimulus, shows: Callable[[Any], bool], seconds: float) -> float:

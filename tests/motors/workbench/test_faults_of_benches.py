@@ -74,12 +74,10 @@ def test_a_gear_that_loses_with_the_load_is_noticed_and_fitted():
 
 
 def test_a_sound_bench_needs_none_of_it():
-    told = 0
-    for seed in range(30):
+    for seed in range(12):
         current, speed, random = points(seed)
         torque = shaft(current, speed) + random.normal(0.0, 0.03, len(current))
-        told += said(fitted(bench(current, torque, speed)), "--also")
-    assert told == 0
+        assert not said(fitted(bench(current, torque, speed)), "--also")
 
 
 def test_a_flux_that_drifts_as_no_magnet_does_is_told():
