@@ -2,7 +2,6 @@
 
 import ast
 import json
-import runpy
 import shutil
 import subprocess
 import sys
@@ -82,30 +81,8 @@ def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path,
         go1_race.report("mine")
 
 
-SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
-TINY = {
-    '"acs", environments=4096': '"acs", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
-    "iterations=1600, minutes=20.0": 'iterations=2, device="cpu"',
-    "trials=10": "trials=1, top_speed=1.0, distance=0.05, workers=1",
-}
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("brief_trials", "blank_pictures")
-def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("torch")
-    text = SCRIPT
-    for full, tiny in TINY.items():
-        assert full in text
-        text = text.replace(full, tiny)
-    (tmp_path / "script.py").write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(tmp_path / "script.py"), run_name="__main__")
-    assert "policy policy, command up to 1 m/s" in capsys.readouterr().out
-    assert (tmp_path / "runs/quickstart-race/report.html").is_file()
-
-
-@pytest.mark.usefixtures("brief_trials")
 def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
     pytest.importorskip("torch")
     shutil.copytree(ROOT / "examples" / "motors", tmp_path / "motors")

@@ -53,12 +53,6 @@ def test_a_figure_is_refused_before_the_work_and_drawn_after_it(tmp_path, capsys
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_text_of_files_is_shown_and_not_obeyed(call, monkeypatch):
-    name = "a\x1b[2Jb \u202egnp [red]"
-    monkeypatch.setattr("sprintlab.robots.robot_names", lambda: (name,))
-    assert call("robot", "list").out == "a\\x1b[2Jb \\u202egnp [red]\n"
-
-
 def test_help_imports_nothing_heavy_and_lists_every_command_once():
     code = (
         "import contextlib, io, sys, sprintlab.cli.main as m\n"

@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("material", reason="needs the extra docs")
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = ["architecture", "robots", *sorted(path.stem for path in (ROOT / "docs").glob("*.md"))]
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +44,3 @@ def test_the_search_of_a_folder_answers(site, tab):
     found.wait_for()
     found.click()
     tab.wait_for_url("**/motors.html*")
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_nothing_is_wider_than_a_phone(site, browser, page):
-    """What is wider scrolls by itself."""
-    tab = browser.new_page(viewport={"width": 390, "height": 844})
-    tab.set_default_timeout(180_000)
-    tab.goto((site / f"{page}.html").as_uri())
-    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
-    tab.close()

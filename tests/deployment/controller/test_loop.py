@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 from collections import Counter
 
 import numpy as np
@@ -12,7 +11,6 @@ from msgspec.structs import replace
 from tests.deployment.clock import FakeClock
 
 from sprintlab.deployment.controller import LoopOptions, realtime, run_loop
-from sprintlab.deployment.controller.realtime import lacking
 from sprintlab.deployment.messages import JointMode
 from sprintlab.deployment.operators.base import OperatorCommand, Request
 
@@ -180,21 +178,3 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     assert max(report.wake_up) == pytest.approx(0.0005)
     data = report.to_dict()["microseconds"]
     assert data["compute"]["count"] == report.steps and data["policy_step"]["max"] is None
-
-
-def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
-    def refuse(*_):
-        raise PermissionError(1, "Operation not permitted")
-
-    isolated, before = tmp_path / "isolated", os.sched_getaffinity(0)
-    monkeypatch.setattr(realtime, "_ISOLATED", isolated)
-    monkeypatch.setattr(realtime, "_lock_memory", lambda: None)
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert any("--core" in remark for remark in lacking(None))
-    isolated.write_text(f"{min(before)}-{min(before)},900-902\n")
-    (remark,) = lacking(None, min(before))
-    assert "no real-time priority was asked for" in remark
-    (remark,) = lacking(50, min(before))
-    assert "real-time priority is not permitted" in remark
-    assert any("core 900" in remark for remark in lacking(None, 900))
-    assert os.sched_getaffinity(0) == before

@@ -7,12 +7,10 @@ import struct
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.operators import (
     ProfileSource,
     SprintSource,
     load_velocity_table,
-    open_source,
 )
 from sprintlab.deployment.operators.base import Request, SourceView, TrackPoint
 from sprintlab.deployment.operators.devices import GamepadSource, KeyboardSource
@@ -184,13 +182,3 @@ def test_a_run_begins_and_goes_on_only_while_the_dead_man_switch_is_held(pad):
     assert [source.read(view(moment)).request for moment in (1.3, 1.4)] == [Request.STAND] * 2
     press(pad, LIE)
     assert source.read(view(1.5)).request == Request.LIE_DOWN
-
-
-def test_a_source_without_its_device_is_refused(tmp_path):
-    with pytest.raises(SprintlabError, match="js7"):
-        open_source(f"gamepad:{tmp_path}/js7", top_speed=8.0)
-    reading, writing = os.pipe()
-    with pytest.raises(SprintlabError, match="terminal"):
-        KeyboardSource(6.0, reading)
-    os.close(reading)
-    os.close(writing)
