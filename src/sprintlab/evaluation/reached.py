@@ -58,8 +58,9 @@ def reached_speed(
         SimulationError: the simulation left the realm of finite numbers.
     """
     settings = ProtocolSettings(trials=TRIALS, required=TRIALS)
+    with TrialPool(policy, robot, 1) as alone:  # to start a process per core takes longer than its trial
+        require_a_runner(alone, settings.start)
     with TrialPool(policy, robot, workers) as pool:
-        require_a_runner(pool, settings.start)
         speeds = [top_speed - step for step in range(TRIED) if top_speed - step >= settings.start]
         for speed in speeds:
             found = run_speed(pool, speed, self_paced=False, settings=settings)
