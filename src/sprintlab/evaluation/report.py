@@ -112,7 +112,6 @@ def render_report(
             for item in result.audit.items
         ],
         trials=list(_trial_rows(result)),
-        joints=list(_joint_rows(result, robot)),
         method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
         repeat=[*facts, *(("note", note) for note in result.notes)],
         replay=replay,
@@ -221,11 +220,3 @@ def _trial_rows(result: RaceResult) -> Iterator[tuple[str, ...]]:
                 number(metrics.lateral_deviation),
                 fall_text(trial) if trial.fall_reason else end,
             )
-
-
-def _joint_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[str, str, str]]:
-    """Share on the envelope and speed ratio, one row a joint; nothing when no trial completed."""
-    if result.raw.completed:
-        share, ratio = result.raw.mean("envelope_share"), result.raw.mean("joint_speed_ratio")
-        for joint, name in enumerate(robot.joint_names):
-            yield name, f"{100 * share[joint]:.1f} %", number(ratio[joint])

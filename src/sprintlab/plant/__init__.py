@@ -1,7 +1,6 @@
 """The simulated robot that evaluation measures and deployment drives: MuJoCo C, true motor limits."""
 
 from sprintlab.plant.drive import SuppliedDrive as SuppliedDrive
-from sprintlab.plant.drive import SupplyState as SupplyState
 from sprintlab.plant.engines import DRAKE_TIMESTEP as DRAKE_TIMESTEP
 from sprintlab.plant.engines import check_engine as check_engine
 from sprintlab.plant.engines import on_engine as on_engine
@@ -13,7 +12,6 @@ from sprintlab.plant.pad import PadLaw as PadLaw
 from sprintlab.plant.pad import Pads as Pads
 from sprintlab.plant.plant import ENGINES as ENGINES
 from sprintlab.plant.plant import BaseState as BaseState
-from sprintlab.plant.plant import JointDrive as JointDrive
 from sprintlab.plant.plant import MotionRecorder as MotionRecorder
 from sprintlab.plant.plant import Plant as Plant
 from sprintlab.plant.plant import PlantOptions as PlantOptions
