@@ -37,13 +37,13 @@ def test_bp2_can_run_faster_than_its_policy_and_slower_than_its_joints(bp2, fast
 def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, monkeypatch, quantity, factor):
     # Enough to come near the fastest; a robot that was as able as before would keep its known stride.
     monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 20)
-    slower = fastest_stride(scalings(bp2)[quantity](factor), ONE_START, near=fastest)
+    slower = fastest_stride(scalings(bp2)[quantity](factor), ONE_START, near=(fastest,))
     assert 0.7 * fastest.speed < slower.speed < 0.97 * fastest.speed
 
 
 def test_without_any_torque_limit_the_search_ends_at_its_ceiling(bp2, fastest):
     kept = [name for name in GROUPS if "hip" not in name and "knee" not in name]
-    free = fastest_stride(bp2, ONE_START, groups=kept, near=fastest, ceiling=1.05 * fastest.speed)
+    free = fastest_stride(bp2, ONE_START, groups=kept, near=(fastest,), ceiling=1.05 * fastest.speed)
     assert not free.bounded
     assert free.speed == pytest.approx(1.05 * fastest.speed)
 
@@ -52,9 +52,9 @@ def test_lifting_a_limit_never_makes_slower(bp2, fastest, monkeypatch):
     """Where climbs end depends on the processor's arithmetic; a known stride that keeps the rest counts."""
     monkeypatch.setattr("sprintlab.speed_limit.search._Search.climb", lambda self, start, speed: (0.0, start))
     kept = [name for name in GROUPS if "hip" not in name]
-    assert fastest_stride(bp2, ONE_START, groups=kept, near=fastest).speed == fastest.speed
+    assert fastest_stride(bp2, ONE_START, groups=kept, near=(fastest,)).speed == fastest.speed
     with pytest.raises(SimulationError, match="no stride is possible"):
-        fastest_stride(replace(bp2, mass=2.0 * bp2.mass), ONE_START, near=fastest)
+        fastest_stride(replace(bp2, mass=2.0 * bp2.mass), ONE_START, near=(fastest,))
 
 
 def test_scaling_a_gear_takes_the_rotor_along(bp2):

@@ -12,6 +12,7 @@ from sprintlab.api.races import audit_table
 from sprintlab.core.errors import SimulationError, SprintlabError
 from sprintlab.core.reading import read_rows
 from sprintlab.evaluation import reached as trials
+from sprintlab.evaluation.audit import audit_trials
 from sprintlab.robots import load_robot
 
 LOG_LIMIT = 64 << 20
@@ -31,10 +32,10 @@ def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType
         longer = f"--minutes {max(1.0, log[-1]['seconds'] / 30.0):.0f}"
         yield f"next: sprintlab train --resume {longer} --output {shlex.quote(str(folder))}"
     else:
-        reached, asked = found.speed.running_speed, found.speed.top_speed
-        count = len(found.speed.completed)
+        reached, asked = found.running_speed, found.top_speed
+        count = len(found.completed)
         yield f"reached {reached:.2f} m/s in the plant, asked for {asked:g} ({count} trials)"
-        yield audit_table(found.audit)
+        yield audit_table(audit_trials([trial.metrics for trial in found.trials]))
         yield f"next: sprintlab race {shlex.quote(str(policy))} --top-speed {asked:g}"
 
 

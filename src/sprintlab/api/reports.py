@@ -63,7 +63,7 @@ def report(
         simulated = simulate_commands(loaded, described, run.command_time, command, run.trial.hold_interval)
     numbers = {**run_numbers(run, simulated), "faults": run.faults, "facts": record.facts}
     columns = ("robot", "simulation")
-    rows = [tuple(row.values()) for row in number_rows(numbers)]
+    rows = [*number_rows(numbers)]
     rows += [(f"fault {name}", str(count), "", "") for name, count in run.faults.items()]
     shown = table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
     found = Result(numbers={**numbers, "folder": None}, shown=[shown], found=run)

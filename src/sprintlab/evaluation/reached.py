@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed
-from sprintlab.evaluation.results import AuditReport, SpeedResult
+from sprintlab.evaluation.results import SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import RobotDescription
 
@@ -19,14 +17,6 @@ TRIED = 4
 """Speeds that are tried, each 1 m/s below the last."""
 LEAST_SHARE = 0.5
 """A policy that holds less than this share of the slowest speed does not run."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reached:
-    """The highest of the tried speeds whose trials all completed, and the audit of those trials."""
-
-    speed: SpeedResult
-    audit: AuditReport
 
 
 def require_a_runner(pool: TrialPool, speed: float) -> None:
@@ -50,7 +40,7 @@ def require_a_runner(pool: TrialPool, speed: float) -> None:
 
 def reached_speed(
     policy: Path, robot: RobotDescription, top_speed: float, workers: int | None = None
-) -> Reached:
+) -> SpeedResult:
     """Run the seeded trials at a speed [m/s], and at lower ones until all of a speed complete.
 
     Raises:
@@ -65,6 +55,6 @@ def reached_speed(
         for speed in speeds:
             found = run_speed(pool, speed, self_paced=False, settings=settings)
             if found.passed:
-                return Reached(speed=found, audit=audit_trials([trial.metrics for trial in found.trials]))
+                return found
     asked = ", ".join(f"{speed:.1f}" for speed in speeds)
     raise SprintlabError(f"the policy runs at 1 m/s; asked for {asked} m/s it falls or does not come to rest")

@@ -191,15 +191,15 @@ def render_run_report(
     """The HTML text: everything inside, nothing loaded from elsewhere."""
     return page_template("run_report.html.j2").render(
         title="A run on the robot",
-        rows=[tuple(row.values()) for row in number_rows(run_numbers(run, simulation))],
+        rows=list(number_rows(run_numbers(run, simulation))),
         compared=simulation is not None,
         figures=[embedded(picture) for picture in pictures],
         told=[(name.replace("_", " "), value) for name, value in facts],
     )
 
 
-def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
-    """One row a number: robot beside simulation."""
+def number_rows(numbers: dict[str, Any]) -> Iterator[tuple[str, str, str, str]]:
+    """One row a number: its name, robot beside simulation, unit."""
     simulated = numbers["simulation"] or {}
     for name, key, digits, unit in (
         (f"time over {numbers['distance_m']:g} m", "time_over_distance_s", 2, "s"),
@@ -210,4 +210,4 @@ def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
         values = [side.get(key) for side in (numbers, simulated)]
         if values != [None, None]:
             robot, simulation = (number(float("nan") if v is None else v, digits) for v in values)
-            yield {"name": name, "robot": robot, "simulation": simulation, "unit": unit}
+            yield name, robot, simulation, unit

@@ -120,7 +120,7 @@ def speed_limit(
     for name, factor in variants:
         done = len(lifted) + len(sensitivities)
         progress(f"{name} x {factor:g}", done / (len(causes) + len(variants)))
-        speed = fastest_stride(scalings(runner)[name](factor), beside, near=best).speed
+        speed = fastest_stride(scalings(runner)[name](factor), beside, near=(best,)).speed
         sensitivities.append(Sensitivity(quantity=name, factor=factor, speed=speed))
     stride = evaluate(runner, best.parameters[None], best.speed)
     return SpeedLimit(
@@ -139,7 +139,7 @@ def _lift(runner: Runner, settings: SearchSettings, best: Fastest, cause: str) -
     if cause == "the drag of the air":
         runner = replace(runner, drag_area=0.0)
     ceiling = _WITHOUT_CEILING * best.speed
-    found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling)
+    found = fastest_stride(runner, settings, groups=kept, near=(best,), ceiling=ceiling)
     return Lifted(cause=cause, speed=found.speed, bounded=found.bounded)
 
 

@@ -84,7 +84,7 @@ def fastest_stride(
     settings: SearchSettings | None = None,
     *,
     groups: Sequence[str] = GROUPS,
-    near: Fastest | Sequence[Fastest] = (),
+    near: Sequence[Fastest] = (),
     ceiling: float | None = None,
 ) -> Fastest:
     """The highest speed at which a stride keeps the limits: the best of several climbs.
@@ -101,12 +101,11 @@ def fastest_stride(
     """
     settings = settings or SearchSettings()
     search = _Search(runner, settings, tuple(groups), ceiling)
-    known = (near,) if isinstance(near, Fastest) else tuple(near)
     best, found = (0.0, np.zeros(PARAMETERS)), []
-    for item in known:  # a stride that keeps these limits too is a bound from below, wherever the climbs end
+    for item in near:  # a stride that keeps these limits too is a bound from below, wherever the climbs end
         if item.speed > best[0] and search.keeps(item):
             best = item.speed, item.parameters
-    for start, speed in search.starts(known):
+    for start, speed in search.starts(near):
         climbed = search.climb(start, speed)
         found.append(climbed[0])
         best = max(best, climbed, key=lambda item: item[0])
