@@ -3,9 +3,9 @@
 import copy
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
-from tests.calling import Outcome, caller
 from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.cli.main import main
@@ -15,10 +15,24 @@ from sprintlab.evaluation.results import RaceResult
 from sprintlab.robots import RobotDescription
 
 
+class Outcome(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
 @pytest.fixture
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run ``sprintlab ARGUMENTS`` and return status, stdout and stderr."""
-    return caller(main, capsys)
+
+    def run(*arguments: object) -> Outcome:
+        try:
+            status = main([str(argument) for argument in arguments])
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        return Outcome(status, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="session")
