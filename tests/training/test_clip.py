@@ -13,7 +13,7 @@ from sprintlab.training.runs import clip as clip_module
 from sprintlab.training.runs.clip import Clips, write_gif
 from sprintlab.training.runs.progress import Board
 
-WAIT = 60.0
+WAIT = 600.0
 
 
 def rendering(code: str) -> list[str]:

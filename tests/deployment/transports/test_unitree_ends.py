@@ -118,8 +118,10 @@ def test_a_robot_before_its_first_command_is_woken_and_stands_up(make_rig, unitr
 
 
 @pytest.fixture
-def address():
+def address(monkeypatch):
+    """One on which a robot may take its time to be found: the machine is shared."""
     pytest.importorskip("cyclonedds")
+    monkeypatch.setattr("sprintlab.deployment.transports.unitree_dds._PATIENCE", 60.0)
     return f"unitree://go2@:{100 + os.getpid() % 100}"
 
 
