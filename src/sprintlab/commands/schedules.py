@@ -66,6 +66,7 @@ class TargetSampling:
         top_fraction: The top of the range is ``[(1 - top_fraction) upper, upper]``.
         zero_share: Share of the speed targets that are exactly zero.
         backward_share: Share of the speed targets drawn from the backward end of the range.
+        slow_share: Share of the speed targets drawn from the bottom of the range, ``[0, top_fraction upper]``.
         yaw_share: Share of the draws with a yaw-rate target; the others are straight.
         yaw_limit: Greatest yaw-rate target [rad/s].
         turn_share: Share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
@@ -84,6 +85,7 @@ class TargetSampling:
     top_fraction: float = 0.25
     zero_share: float = 0.1
     backward_share: float = 0.0
+    slow_share: float = 0.0
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     turn_share: float = 1.0
@@ -92,17 +94,17 @@ class TargetSampling:
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, unit="s")
-        for field in ("top_share", "top_fraction", "zero_share", "backward_share", "yaw_share"):
+        for field in ("top_share", "top_fraction", "zero_share", "backward_share", "slow_share", "yaw_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
         check_range("turn_share", self.turn_share, 0.0, 1.0)
-        named = self.top_share + self.zero_share + self.backward_share
-        check_range("top_share + zero_share + backward_share", named, 0.0, 1.0)
+        named = self.top_share + 1.0 - self._last_drawn
+        check_range("top_share + zero_share + backward_share + slow_share", named, 0.0, 1.0)
         check_range("yaw_limit", self.yaw_limit, 0.0, float("inf"), "rad/s")
 
     @property
     def _last_drawn(self) -> float:
-        """Kinds from here on are backward or zero."""
-        return 1.0 - self.zero_share - self.backward_share
+        """Kinds from here on are slow, backward or zero."""
+        return 1.0 - self.zero_share - self.backward_share - self.slow_share
 
     def speed(self, random: Array, lower: Array | float, upper: Array | float) -> Array:
         """Speed targets [m/s] ``(n,)`` in ``[lower, upper]``, or zero."""
@@ -110,7 +112,8 @@ class TargetSampling:
         value, kind = random[:, 0], random[:, 1]
         top = upper * (1.0 - self.top_fraction + self.top_fraction * value)
         drawn = xp.where(kind < self.top_share, top, lower + (upper - lower) * value)
-        drawn = xp.where(kind >= self._last_drawn, lower * value, drawn)
+        drawn = xp.where(kind >= self._last_drawn, upper * self.top_fraction * value, drawn)
+        drawn = xp.where(kind >= 1.0 - self.zero_share - self.backward_share, lower * value, drawn)
         return xp.where(kind >= 1.0 - self.zero_share, xp.zeros_like(drawn), drawn)
 
     def yaw_rate(self, random: Array) -> Array:

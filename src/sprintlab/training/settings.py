@@ -29,9 +29,10 @@ Schedule = (
 )
 TARGETS = TargetSampling(
     persistence=(5.0, 12.0),
-    top_share=0.38,
-    zero_share=0.16,
+    top_share=0.36,
+    zero_share=0.18,
     backward_share=0.08,
+    slow_share=0.12,
     turn_share=0.6,
     scaled_turns=True,
 )
@@ -120,7 +121,7 @@ class ConstraintSettings:
     foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.2))
     gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
-    joint_speed: Constraint = Constraint(limit=0.93, full=1.03, aim=0.0005)
+    joint_speed: Constraint = Constraint(limit=0.91, full=1.01, aim=0.0005)
     end_stop: Constraint = Constraint(limit=0.0, full=1.0, aim=0.0005)
 
 

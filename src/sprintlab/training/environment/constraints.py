@@ -27,8 +27,10 @@ from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, Constra
 WATCHED = tuple(f"{phase}/{name}" for phase in PHASES for name in CONSTRAINTS)
 """Names of the chances, in the order of ``Chances.values``."""
 PAD_LIMIT, FORCE_LIMIT = 0.015, 4.0
-"""The audit's limits of a foot: deflection of its pad [m] and force [body weights]. They are one constraint:
-a deflection counts as the force that stands as near to its limit."""
+"""The audit's limits of a foot: deflection of its pad [m] and force [body weights]."""
+_PAD_AS_FORCE = FORCE_LIMIT / 0.0145
+"""Both are one constraint: a deflection counts as a force [body weights/m]. What a trial adds to the deflection
+of the last one is half of a millimetre, so it counts as a force at its limit that much earlier."""
 _CHANGING = 0.3
 """Distance between command and target beyond which a command rises or falls [m/s]."""
 _LAGGING = 1.0
@@ -89,7 +91,7 @@ def apparent_weight(lateral: torch.Tensor) -> torch.Tensor:
 
 def broken_parts(monitors: Monitors, settings: ConstraintSettings) -> torch.Tensor:
     """How far each constraint is broken, from 0 to 1 ``(n, constraints)``; NaN counts as 1."""
-    foot = torch.maximum(monitors.foot_force, monitors.pad_deflection * (FORCE_LIMIT / PAD_LIMIT))
+    foot = torch.maximum(monitors.foot_force, monitors.pad_deflection * _PAD_AS_FORCE)
     worst = {
         "foot": foot.amax(1),
         "gear": monitors.gear_torque.amax(1),

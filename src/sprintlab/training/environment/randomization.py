@@ -59,9 +59,12 @@ def gains(fleet: Fleet, *, between: Interval) -> None:
         gain.mul_(fleet.uniform(*between, gain.shape[1]))
 
 
-def strength(fleet: Fleet, *, between: Interval) -> None:
-    """Factor of the torque that each motor delivers."""
-    fleet.engine.strength.copy_(fleet.uniform(*between, fleet.engine.strength.shape[1]))
+def strength(fleet: Fleet, *, between: Interval, joints: float) -> None:
+    """Factor of the torque that each motor delivers: the robot's own, times each joint's, 1 +- ``joints``."""
+    factors = fleet.engine.strength
+    factors.copy_(
+        fleet.uniform(*between)[:, None] * fleet.uniform(1.0 - joints, 1.0 + joints, factors.shape[1])
+    )
 
 
 def bus_voltage(fleet: Fleet, *, between: Interval) -> None:
@@ -111,7 +114,7 @@ def default_randomization() -> dict[str, RandomizationTerm]:
         "payload": drawn(payload, mass=(-1.0, 4.0)),
         "center_of_mass": drawn(center_of_mass, distance=0.03),
         "gains": drawn(gains, between=(0.92, 1.08)),
-        "strength": drawn(strength, between=(0.95, 1.05)),
+        "strength": drawn(strength, between=(0.9, 1.03), joints=0.03),
         "bus_voltage": drawn(bus_voltage, between=(0.9, 1.0)),
         "winding_resistance": drawn(winding_resistance, between=(1.0, 1.25)),
         "dry_friction": drawn(dry_friction, between=(0.7, 1.3)),
