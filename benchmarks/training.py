@@ -2,7 +2,7 @@
 
 Beside it, the rate of whole trainings on two CPU cores and, where there are two GPUs, on both.
 
-python benchmarks/training.py --device cuda:0 --output results/engine/training-h100.json
+python benchmarks/training.py --device cuda:0 --output results/engine/training-NAME.json
 """
 
 # ruff: noqa: E402

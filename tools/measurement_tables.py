@@ -38,6 +38,7 @@ def measurement_tables() -> dict[str, str]:
         "engine_running": engine_running(_read("engine/running")),
         "engine_accuracy": engine_accuracy(_read("engine/accuracy")),
         "engine_throughput": engine_throughput(),
+        "training_time": training_time(),
         "motor_law": motor_law(_read("throughput/motor_law")),
         "mjcf_export": mjcf_export(),
         "mjlab_walk": mjlab_walk(_read("integrations/mjlab-go1")),
@@ -100,6 +101,22 @@ def engine_throughput() -> str:
             rate = f"{row['policy steps/s'] / 1e6:.3g} M"
             rows.append((found["device"], found["date"][:10], step, str(row["robots"]), rate, compiled))
     head = ("device", "date", "step", "robots", "policy steps/s", "compiling, first and cached")
+    return as_table(head, rows)
+
+
+def training_time() -> str:
+    """Where an iteration's time goes, for every file of ``benchmarks/training.py``."""
+    parts = ("physics", "environment", "acting", "update")
+    rows = []
+    for path in sorted((RESULTS / "engine").glob("training-*.json")):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        times, steps = found["times_s"], found["steps"]
+        spent = [times[part] * (1 if part == "update" else steps) for part in parts]
+        cells = (f"{1e3 * seconds:.1f}" for seconds in (*spent, times["iteration"]))
+        start, rate = sum(found["start_s"].values()), found["training_steps_per_s"] / 1e6
+        circumstances = (found["device"], found["date"][:10], str(found["robots"]))
+        rows.append((*circumstances, f"{rate:.2f} M", *cells, f"{start:.0f} s"))
+    head = ("device", "date", "robots", "policy steps/s", *parts, "iteration [ms]", "start")
     return as_table(head, rows)
 
 
