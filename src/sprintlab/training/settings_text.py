@@ -97,7 +97,8 @@ def to_plain(settings: object) -> dict[str, Any]:
         field.name: _plain(getattr(settings, field.name), hints[field.name])
         for field in fields(cast("Any", settings))
     }
-    return {**plain, **plain.pop(PARAMETERS, {})}
+    beside = plain.pop(PARAMETERS, {})
+    return plain | beside
 
 
 def from_plain(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
