@@ -141,14 +141,16 @@ def test_scaled_turns_keep_their_share_of_what_friction_allows(share, speed, fri
 
 
 def test_target_distribution():
-    targets = TargetSampling(top_share=0.5, backward_share=0.2)
+    targets = TargetSampling(top_share=0.4, backward_share=0.2, slow_share=0.1)
     random = np.random.default_rng(8).random((100_000, 8))
     speed, kind = targets.speed(random, -2.0, 10.0), random[:, 1]
     assert speed.min() >= -2.0 and speed.max() <= 10.0
     assert np.mean(speed == 0.0) == pytest.approx(targets.zero_share, abs=0.003)
     backward = speed[(kind >= 0.7) & (kind < 0.9)]
     assert np.all(backward <= 0.0) and backward.mean() == pytest.approx(-1.0, abs=0.02)
-    uniform_share = 1.0 - targets.top_share - targets.zero_share - targets.backward_share
+    slow = speed[(kind >= 0.6) & (kind < 0.7)]
+    assert np.all(slow >= 0.0) and slow.mean() == pytest.approx(1.25, abs=0.02)
+    uniform_share = 1.0 - targets.top_share - targets.zero_share - targets.backward_share - targets.slow_share
     top = 10.0 * (1.0 - targets.top_fraction)
     wanted = targets.top_share + uniform_share * (10.0 - top) / 12
     assert np.mean(speed >= top) == pytest.approx(wanted, abs=0.006)

@@ -12,7 +12,7 @@ from sprintlab.engine import Engine, EngineOptions
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.episodes import Ends, find_ends, standing_starts
 from sprintlab.training.environment.fleet import Fleet
-from sprintlab.training.environment.randomization import default_randomization, friction, slope
+from sprintlab.training.environment.randomization import default_randomization, friction, slope, strength
 from sprintlab.training.environment.sprint import SUBSTEPS, SprintEnvironment
 from sprintlab.training.settings import (
     UNDISTURBED,
@@ -169,6 +169,14 @@ def test_randomization_varies_each_field(built: SprintEnvironment) -> None:
         assert (getattr(varied.engine, name).std(0) > 0).all(), name
         same = getattr(built.engine, name)
         assert torch.equal(same, same[:1].expand_as(same)), name
+
+
+def test_motors_are_strong_or_weak_together() -> None:
+    engine = Engine(ROBOT, EngineOptions(robots=64), "cpu")
+    Fleet(engine, {"strength": drawn(strength, between=(0.9, 1.03), joints=0.02)})
+    mean = engine.strength.mean(1, keepdim=True)
+    assert mean.min() < 0.92 and mean.max() > 1.0
+    assert 0.01 < (engine.strength / mean - 1.0).abs().max() < 0.05
 
 
 def test_one_draw_is_repeatable() -> None:

@@ -66,7 +66,7 @@ class TargetSampling:
         top_fraction: The top of the range is ``[(1 - top_fraction) upper, upper]``.
         zero_share: Share of the speed targets that are exactly zero.
         backward_share: Share of the speed targets drawn from the backward end of the range.
-        slow_share: Share of the speed targets drawn from the bottom of the range, ``[0, top_fraction upper]``.
+        slow_share: Share of the speed targets drawn from its bottom, ``[0, top_fraction upper]``.
         yaw_share: Share of the draws with a yaw-rate target; the others are straight.
         yaw_limit: Greatest yaw-rate target [rad/s].
         turn_share: Share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the

@@ -29,8 +29,8 @@ WATCHED = tuple(f"{phase}/{name}" for phase in PHASES for name in CONSTRAINTS)
 PAD_LIMIT, FORCE_LIMIT = 0.015, 4.0
 """The audit's limits of a foot: deflection of its pad [m] and force [body weights]."""
 _PAD_AS_FORCE = FORCE_LIMIT / 0.0142
-"""Both are one constraint: a deflection counts as a force [body weights/m], at the force's limit already 0.8 mm
-before its own, by which the worst of a few trials in the plant passes what a robot does in training."""
+"""Both are one constraint: a deflection counts as a force [body weights/m]. It counts as the greatest force
+0.8 mm before its own limit: the worst of a few trials in the plant is that much more than in training."""
 _CHANGING = 0.3
 """Distance between command and target beyond which a command rises or falls [m/s]."""
 _LAGGING = 1.0
