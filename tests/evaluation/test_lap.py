@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab.commands import Track
-from sprintlab.evaluation.lap import LapCourse, lap_result
+from sprintlab.evaluation.lap import LapCourse, lap_numbers
 from sprintlab.plant import BaseState
 
 SMALL = Track(radius=4.0, straight=5.0)
@@ -37,25 +37,25 @@ def make_lap(make_trajectory, make_trial, robot):
         offset = np.where(time < 5.0, 0.0, -outward)
         qpos[:, :2] = places(SMALL, 2.0 * time, offset)
         trial = replace(make_trial(), trajectory=make_trajectory(seconds, qpos=qpos))
-        return lap_result(trial, robot, SMALL)
+        return lap_numbers(trial, robot, SMALL)
 
     return build
 
 
 def test_time_and_lane_of_a_run_along_the_line(make_lap):
     lap = make_lap()
-    assert lap.finished and lap.time == pytest.approx(SMALL.length / 2.0, abs=0.01)
-    assert lap.lane_kept and lap.outward < 0.01 and lap.inward < 0.01
+    assert lap["finished"] and lap["time_s"] == pytest.approx(SMALL.length / 2.0, abs=0.01)
+    assert lap["lane_kept"] and lap["farthest_outward_m"] < 0.01 and lap["farthest_inward_m"] < 0.01
 
 
 def test_a_lap_that_is_not_run_to_its_end_has_no_time(make_lap):
     lap = make_lap(seconds=10.0)
-    assert not lap.finished and lap.to_dict()["time_s"] is None
+    assert not lap["finished"] and lap["time_s"] is None
 
 
 def test_a_bend_run_too_wide_leaves_the_lane(make_lap):
     lap = make_lap(outward=1.2)
-    assert lap.outward == pytest.approx(1.2, abs=0.05) and not lap.lane_kept
+    assert lap["farthest_outward_m"] == pytest.approx(1.2, abs=0.05) and not lap["lane_kept"]
 
 
 def test_the_command_falls_once_the_lap_is_run():

@@ -87,21 +87,24 @@ def lap(
     request = TrialRequest(top_speed=top_speed, plant=plant, keep_trajectory=True)
     path, loaded, described = open_policy(policy, robot)
     progress("running a lap", None)
-    found = run_lap(loaded, described, request)
-    numbers = {"policy": path.stem, **found.to_dict(), "notes": plant.remarks}
+    trial, found = run_lap(loaded, described, request)
+    numbers = {"policy": path.stem, **found, "notes": plant.remarks}
     result = Drawn(
         numbers=numbers,
-        shown=[quantities(f"{found.distance:.0f} m in lane 1 with {path.stem}", numbers), *plant.remarks],
+        shown=[
+            quantities(f"{found['distance_m']:.0f} m in lane 1 with {path.stem}", numbers),
+            *plant.remarks,
+        ],
         found=found,
-        draw=drawn("evaluation.sweep_figures.lap_figure", found),
-        status=1 if found.trial.fall_reason else 0,
+        draw=drawn("evaluation.sweep_figures.lap_figure", trial),
+        status=1 if trial.fall_reason else 0,
     )
-    if recording is None or found.trial.trajectory is None:
+    if recording is None or trial.trajectory is None:
         return result
     from sprintlab.evaluation.race_files import save_trajectory
 
     with kept(result):
-        save_trajectory(Path(recording), found.trial.trajectory)
+        save_trajectory(Path(recording), trial.trajectory)
     where = f"recording: {recording}; look at it with: sprintlab replay {recording}"
     return replace(result, shown=[*result.shown, where])
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,47 +16,6 @@ from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.trial import SprintCourse, TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
-
-
-@dataclass(frozen=True, kw_only=True)
-class LapResult:
-    """One lap."""
-
-    distance: float  # length of the lap on the measured line [m]
-    time: float  # from the first non-zero command to the end of the lap [s]; nan when it was not reached
-    outward: float  # farthest from the measured line, away from the kerb [m]
-    inward: float  # farthest from the measured line, towards the kerb [m]
-    energy: float  # drawn from the bus until the end of the lap [J]
-    hottest_winding: float | None  # [degC]; None where windings do not warm up
-    trial: TrialResult  # its hold is the whole run
-
-    @property
-    def finished(self) -> bool:
-        """Whether the lap was run to its end."""
-        return math.isfinite(self.time)
-
-    @property
-    def lane_kept(self) -> bool:
-        """Whether the trunk's centre stayed within lane 1: its kerb inside, the next lane's line outside."""
-        return self.inward <= KERB_DISTANCE and self.outward <= LANE_WIDTH - KERB_DISTANCE
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready numbers; what is not defined becomes null."""
-        return json_ready(
-            {
-                "distance_m": self.distance,
-                "time_s": self.time,
-                "finished": self.finished,
-                "lane_kept": self.lane_kept,
-                "farthest_outward_m": self.outward,
-                "farthest_inward_m": self.inward,
-                "energy_J": self.energy,
-                "hottest_winding_degC": self.hottest_winding,
-                "fall_reason": self.trial.fall_reason,
-                "top_speed_command_m_s": self.trial.top_speed,
-                "self_paced": self.trial.self_paced,
-            }
-        )
 
 
 class LapCourse(SprintCourse):
@@ -86,19 +44,27 @@ class LapCourse(SprintCourse):
         return path_yaw_rate(point, base.heading, speed)
 
 
-def run_lap(policy: Policy, robot: RobotDescription, request: TrialRequest) -> LapResult:
-    """Run one lap with the request's command; errors as in ``run_trial``.
+def run_lap(
+    policy: Policy, robot: RobotDescription, request: TrialRequest
+) -> tuple[TrialResult, dict[str, Any]]:
+    """Run one lap with the request's command: the trial, whose hold is the whole run, and ``lap_numbers``.
 
     Raises:
         InvalidValueError: the command is below 1 m/s: the lap would take minutes of simulation.
+        SimulationError, ContractMismatchError: as in ``run_trial``.
     """
     check_range("lap.top_speed", request.top_speed, 1.0, 30.0, "m/s")
     course = LapCourse(Track(), request.top_speed)
-    return lap_result(run_course(policy, robot, request, course), robot, course.track)
+    trial = run_course(policy, robot, request, course)
+    return trial, lap_numbers(trial, robot, course.track)
 
 
-def lap_result(trial: TrialResult, robot: RobotDescription, track: Track) -> LapResult:
-    """The lap's numbers from a recorded run."""
+def lap_numbers(trial: TrialResult, robot: RobotDescription, track: Track) -> dict[str, Any]:
+    """JSON-ready numbers of a recorded lap; what is not defined becomes null.
+
+    The time counts from the first non-zero command, the energy from the start, both to the end of the lap.
+    The lane is kept where the trunk's centre stays between its kerb and the next lane's line.
+    """
     recorded = trial.trajectory
     assert recorded is not None
     progress, offset = along_track(track, recorded.qpos)
@@ -106,12 +72,19 @@ def lap_result(trial: TrialResult, robot: RobotDescription, track: Track) -> Lap
     last = int(done.argmax()) if done.any() else len(done) - 1
     start = float(recorded.time[int((recorded.profile_speed > 0.0).argmax())])
     duration = float(recorded.time[last] - recorded.time[0])
-    return LapResult(
-        distance=track.length,
-        time=float(recorded.time[last]) - start if done.any() else math.nan,
-        outward=float(np.max(-offset[: last + 1])),
-        inward=float(np.max(offset[: last + 1])),
-        energy=float(bus_power(recorded, robot)[: last + 1].mean()) * duration,
-        hottest_winding=trial.metrics.hottest_winding,
-        trial=trial,
+    outward, inward = float(np.max(-offset[: last + 1])), float(np.max(offset[: last + 1]))
+    return json_ready(
+        {
+            "distance_m": track.length,
+            "time_s": float(recorded.time[last]) - start if done.any() else math.nan,
+            "finished": bool(done.any()),
+            "lane_kept": inward <= KERB_DISTANCE and outward <= LANE_WIDTH - KERB_DISTANCE,
+            "farthest_outward_m": outward,
+            "farthest_inward_m": inward,
+            "energy_J": float(bus_power(recorded, robot)[: last + 1].mean()) * duration,
+            "hottest_winding_degC": trial.metrics.hottest_winding,
+            "fall_reason": trial.fall_reason,
+            "top_speed_command_m_s": trial.top_speed,
+            "self_paced": trial.self_paced,
+        }
     )

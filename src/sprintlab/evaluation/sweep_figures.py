@@ -21,7 +21,7 @@ from sprintlab.core.theme import (
     themed_figure,
 )
 from sprintlab.evaluation.figures import recorded
-from sprintlab.evaluation.lap import LapResult
+from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.robustness import ALL
 from sprintlab.evaluation.sweep import Run, held_speeds, of_group
 from sprintlab.evaluation.turning import largest_yaw_rate
@@ -97,9 +97,9 @@ def turning_figure(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def lap_figure(lap: LapResult) -> Figure:
+def lap_figure(trial: TrialResult) -> Figure:
     """The path of the trunk and lane 1, from above; axes in metres."""
-    motion = recorded(lap.trial)
+    motion = recorded(trial)
     figure, (axis,) = themed_figure(LIGHT, (8.0, 4.8), 1, 1)
     line = Track()
     for outward in (-KERB_DISTANCE, LANE_WIDTH - KERB_DISTANCE):

@@ -35,7 +35,6 @@ class Gamepad:
         self.name = joystick_name(device)
         self._joystick = Joystick(device)
         self._told = (0.0, 0.0)
-        self._stopped = False
 
     @property
     def connected(self) -> bool:
@@ -50,18 +49,10 @@ class Gamepad:
         if not self.connected:
             return PadReading(actions=(STOP,))
         actions = tuple(ACTIONS[button] for button in pressed if button < len(ACTIONS))
-        return PadReading(sticks=self._moved_sticks(stopped=STOP in actions), actions=actions)
+        sticks, before = self._joystick.sticks(), self._told
+        self._told = sticks
+        return PadReading(sticks=None if sticks == before else sticks, actions=actions)
 
     def close(self) -> None:
         """Let go of the device; a second call does nothing."""
         self._joystick.close()
-
-    def _moved_sticks(self, stopped: bool) -> tuple[float, float] | None:
-        """The sticks if they moved; after a stop they must come back to the middle first."""
-        sticks = self._joystick.sticks()
-        self._stopped = (self._stopped or stopped) and sticks != (0.0, 0.0)
-        if self._stopped:
-            sticks = (0.0, 0.0)
-        moved = sticks != self._told
-        self._told = sticks
-        return sticks if moved else None
