@@ -51,8 +51,8 @@ def evaluate_race(
         distance: [m].
         settings: trials, seeds, plant.
         second_engine: also run the sprint and the raw trials in this engine, with the same draws.
-        workers: processes; ``None`` takes one per core.
-        progress: called with what is being done and the share of it that is done; ``None`` where unknown.
+        workers: as the ``count`` of ``WorkerProcesses``.
+        progress: called with what is being done and the share done; ``None`` where unknown.
 
     Raises:
         SprintlabError: the second engine is not installed, or the policy does not run where its top speed is

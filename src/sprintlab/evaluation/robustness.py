@@ -44,17 +44,10 @@ def draw_request(
     distance: float = 100.0,
     plant: PlantOptions | None = None,
 ) -> TrialRequest:
-    """The sprint of a seed.
+    """The sprint of a seed at v* [m/s], over a distance [m], on a robot with a nominal bus voltage [V].
 
-    A cause has the same value alone as together with all others: its draw depends on the seed only.
-
-    Args:
-        seed: decides every draw.
-        group: ``ALL``, ``NOMINAL`` or one of ``CAUSES``: what is drawn; the rest is nominal.
-        top_speed: v* [m/s].
-        bus_voltage: nominal [V].
-        distance: length of the sprint [m].
-        plant: how the robot is simulated otherwise.
+    The group, ``ALL``, ``NOMINAL`` or one of ``CAUSES``, says what is drawn; the rest is nominal. A cause has
+    the same value alone as together with all others: its draw depends on the seed only.
 
     Raises:
         InvalidValueError: there is no such group.

@@ -105,13 +105,9 @@ class ProfileCourse(Course):
 
 
 class SprintCourse(Course):
-    """Rise and hold until the distance is run, then brake and stand.
+    """Rise and hold until the distance [m] is run, then brake and stand for the time ``rest`` [s].
 
-    Args:
-        profile: the command's rise and fall.
-        distance: to run [m].
-        rest: the command stays zero for so long; its last second tells a stop [s].
-        slowest_share: a robot slower than this share of the command is given up.
+    A robot slower than ``slowest_share`` of the command is given up.
     """
 
     def __init__(
