@@ -6,7 +6,7 @@ import os
 import pytest
 
 from sprintlab.core import files
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_directory, atomic_write_bytes, reserved_directory
 
 
@@ -36,15 +36,6 @@ def test_places_that_cannot_be_are_refused_before_any_work(tmp_path):
     for folder in (tmp_path, "", "."):
         with pytest.raises(SprintlabError, match="it is a folder"):
             files.check_writable_file(folder)
-
-
-def test_figures_that_could_not_be_written_are_refused_before_any_work(tmp_path):
-    for name in ("motor.jpg", "motor"):
-        with pytest.raises(InvalidValueError, match=r"\.png, \.pdf, \.svg"):
-            files.check_figure_path(tmp_path / name)
-    with pytest.raises(InvalidValueError, match="there is no folder"):
-        files.check_figure_path(tmp_path / "plots" / "motor.png")
-    assert not list(tmp_path.iterdir())
 
 
 def test_directory_appears_only_when_complete(tmp_path):

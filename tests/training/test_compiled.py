@@ -14,7 +14,6 @@ import torch
 from tests.training.small import small_settings
 
 from sprintlab.training.environment.episodes import Ends
-from sprintlab.training.environment.reward_sum import aggregate
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
@@ -22,7 +21,6 @@ from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.networks import LATENT_SIZE
 from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards, paper_rewards
-from sprintlab.training.settings import REWARD_SUMS
 
 SETTINGS = small_settings(environments=4, mini_batches=1, hidden=(16, 8))
 
@@ -45,12 +43,6 @@ def test_the_step_after_physics_is_one_piece() -> None:
     environment.engine.step()
     traced(environment._transition)()
     assert torch.equal(environment.episode_length_buf, before + 1)
-
-
-@pytest.mark.parametrize("how", REWARD_SUMS)
-def test_adding_up_rewards_is_one_piece(how: str) -> None:
-    both = torch.tensor([1.0, 0.5]), torch.tensor([-0.1, -2.0])
-    torch.testing.assert_close(traced(aggregate)(*both, how), aggregate(*both, how))
 
 
 @pytest.mark.parametrize("method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl"))

@@ -197,19 +197,6 @@ def test_optional_columns_decide_what_is_determined(fit, motor, missing, lost):
     assert all(found.estimates[name].reason.startswith("needs") for name in lost)
 
 
-@pytest.mark.parametrize("kept", ["power", "bus_voltage"])
-def test_a_log_without_voltages_says_that_it_cannot_check_the_scale_of_the_current(fit, motor, kept):
-    """A current 1.5 times too large was taken: 1/1.5 of the flux, 1/2.25 of the resistance."""
-    columns = bench_columns(motor)
-    columns["power"] = 1.5 * (columns["vq"] * columns["iq"])
-    columns["iq"] = 1.5 * columns["iq"]
-    columns = {name: columns[name] for name in ("speed", "iq", "torque", kept)}
-    found = fit(columns, motor, UNITS | {"power": "W"}, peak_current=None)
-    assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage / 1.5, rel=0.05)
-    (told,) = (warning for warning in found.warnings if "cannot check the scale of current" in warning)
-    assert f"{found.torque_constant:.2g}"[:3] in told and "data sheet" in told
-
-
 def test_torque_and_speed_behind_a_gear_are_referred_to_the_motor(tmp_path, motor):
     bench = load_bench(write_bench(tmp_path / "bench.csv", bench_columns(motor)))
     for found, speed in ((behind_gear(bench, 9.0), 9.0), (behind_gear(bench, 9.0, motor_speed=True), 1.0)):
