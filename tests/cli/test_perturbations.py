@@ -11,7 +11,8 @@ from sprintlab.evaluation.sweep import Run
 
 @pytest.mark.usefixtures("short_trials")
 def test_turning_is_mapped(call, policy, tmp_path, monkeypatch):
-    monkeypatch.setattr("sprintlab.evaluation.turning.TURN_TIME", 2.0)
+    for name, value in {"TURN_TIME": 1.0, "FRACTIONS": (-0.5, 0.5)}.items():
+        monkeypatch.setattr(f"sprintlab.evaluation.turning.{name}", value)
     figure = tmp_path / "turning.svg"
     outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--figure", figure)
     assert outcome.status == 0 and "half of mu g" in outcome.out and "+50 %" in outcome.out
