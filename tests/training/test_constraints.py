@@ -64,7 +64,7 @@ def test_the_worst_foot_joint_or_pair_decides(name: str, part: float) -> None:
 def test_a_pad_counts_as_a_force_and_nan_as_broken_in_full() -> None:
     foot = SETTINGS.foot
     part = (3.8 - foot.limit) / (foot.full - foot.limit)
-    assert broken("foot", 0.0142 * 3.8 / 4.0, "pad_deflection") == pytest.approx(part, abs=1e-5)
+    assert broken("foot", 0.015 * 3.8 / 4.0, "pad_deflection") == pytest.approx(part, abs=1e-5)
     assert broken("gear", float("nan")) == 1.0
 
 

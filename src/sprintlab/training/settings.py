@@ -118,7 +118,7 @@ class ConstraintSettings:
         end_stop: Depth in an end stop over its zone [-].
     """
 
-    foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.2))
+    foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.6))
     gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
     joint_speed: Constraint = Constraint(limit=0.91, full=1.01, aim=0.0005)

@@ -27,10 +27,8 @@ from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, Constra
 WATCHED = tuple(f"{phase}/{name}" for phase in PHASES for name in CONSTRAINTS)
 """Names of the chances, in the order of ``Chances.values``."""
 PAD_LIMIT, FORCE_LIMIT = 0.015, 4.0
-"""The audit's limits of a foot: deflection of its pad [m] and force [body weights]."""
-_PAD_AS_FORCE = FORCE_LIMIT / 0.0142
-"""Both are one constraint: a deflection counts as a force [body weights/m]. It counts as the greatest force
-0.8 mm before its own limit: the worst of a few trials in the plant is that much more than in training."""
+"""The audit's limits of a foot: deflection of its pad [m] and force [body weights]. They are one constraint:
+a deflection counts as the force that stands as near to its limit."""
 _CHANGING = 0.3
 """Distance between command and target beyond which a command rises or falls [m/s]."""
 _LAGGING = 1.0
@@ -91,7 +89,7 @@ def apparent_weight(lateral: torch.Tensor) -> torch.Tensor:
 
 def broken_parts(monitors: Monitors, settings: ConstraintSettings) -> torch.Tensor:
     """How far each constraint is broken, from 0 to 1 ``(n, constraints)``; NaN counts as 1."""
-    foot = torch.maximum(monitors.foot_force, monitors.pad_deflection * _PAD_AS_FORCE)
+    foot = torch.maximum(monitors.foot_force, monitors.pad_deflection * (FORCE_LIMIT / PAD_LIMIT))
     worst = {
         "foot": foot.amax(1),
         "gear": monitors.gear_torque.amax(1),
