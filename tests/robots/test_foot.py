@@ -59,13 +59,11 @@ def test_a_leg_weighs_what_its_drop_says() -> None:
 def test_friction_is_set_where_it_acts() -> None:
     model = build_model(load_robot("bp2"))
     set_friction(model, 0.37)
-    assert model.npair == 4
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qpos[2] -= 0.002
     mujoco.mj_forward(model, data)
-    np.testing.assert_allclose([contact.friction[:2] for contact in data.contact], 0.37)
-    assert data.ncon == 4
+    np.testing.assert_allclose([contact.friction[:2] for contact in data.contact], [[0.37, 0.37]] * 4)
 
 
 def test_air_brakes_with_the_square_of_the_speed() -> None:

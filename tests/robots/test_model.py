@@ -89,13 +89,12 @@ def test_legs_cannot_pass_through_each_other(bp2, plant):
 
 
 COARSE = ModelOptions(timestep=0.004, contact_time_constant=0.008, knee_spring=False, dry_friction=False)
-TRAINING = ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler")
 
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("bp2", PLANT), ("bp2", TRAINING), ("bp2", COARSE), ("go1", PLANT), ("go2", PLANT)],
-    ids=["plant", "training", "coarse", "go1", "go2"],
+    [("bp2", PLANT), ("bp2", COARSE), ("go1", PLANT), ("go2", PLANT)],
+    ids=["plant", "coarse", "go1", "go2"],
 )
 def test_the_robot_stands_for_two_seconds(name, options):
     robot = load_robot(name)
@@ -104,8 +103,6 @@ def test_the_robot_stands_for_two_seconds(name, options):
     assert lowest > 0.9 * robot.standing_height
     assert data.body("trunk").xmat[8] > 0.99
     assert np.abs(data.qvel).max() < 0.1
-    sag = weight / 4 / options.foot.stiffness
-    assert 0.4 * sag < -data.contact.dist.mean() < 1.02 * sag  # a coarse step's pad is stiffer
     assert data.qfrc_constraint[2] == pytest.approx(weight, rel=0.01)
     touching = {
         frozenset((model.geom(int(c.geom1)).name, model.geom(int(c.geom2)).name)) for c in data.contact

@@ -129,7 +129,6 @@ class PlantOptions:
         return ModelOptions(
             timestep=self.timestep,
             collisions="full",
-            foot=self.foot,
             contact_time_constant=self.contact_time_constant,
             dry_friction=True,
             joint_limits=True,

@@ -1,17 +1,12 @@
-"""The foot on the ground: stiffness and restitution as physical numbers, and how MuJoCo gets to show them.
+"""The foot on the ground: stiffness and restitution as physical numbers.
 
 A foot pad is a spring with a dashpot, ``f = k x + b v`` while that is positive: a foot does not stick. The
 two numbers are those of a drop test: the leg's effective mass hits the floor without gravity, ``stiffness``
 is force over deflection where the deflection is greatest (the dashpot gives nothing there), ``restitution``
 is speed after over speed before.
 
-The bands are those of rubber pads, after Hertz and from rebound resilience: ``docs/evaluation.md``.
-
-In MuJoCo a contact's stiffness and damping are per unit of the regularization ``R``, which is ``(1 - d) / d``
-times the inverse mass at the foot for an impedance ``d``, and ``1 / R`` acts as a mass that the contact adds
-to the foot. So ``d`` is chosen for the smallest added mass with which the time step is stable even for the
-lightest foot, and stiffness and damping are given directly. Plant and engine have no such contact: they apply
-the pad's force themselves.
+The bands are those of rubber pads, after Hertz and from rebound resilience: ``docs/evaluation.md``. Plant and
+engine apply the pad's force themselves; MuJoCo's own contact is not used for feet there.
 """
 
 from __future__ import annotations
@@ -32,12 +27,6 @@ STIFFNESS_BAND = (40e3, 160e3)
 """Stiffness of a foot pad whose maker states none [N/m]: half to twice the nominal one."""
 RESTITUTION_BAND = (0.2, 0.6)
 """Restitution of a foot pad that its maker has not stated [-]."""
-
-_FRICTION_MASS = 10.0  # [kg] added along the ground: much more than a foot's, so that it does not creep
-_FRICTION_RATE = 0.9  # share of the slip that a time step may take away; 1 is all of it
-_LIGHTEST_FOOT = 0.15  # [kg] vertical inertia at the foot of a bent leg on its knee spring
-_LEAST_ADDED = 0.02  # share of the dropped mass: what MuJoCo's regularization cannot do without
-_SAFETY = 1.1  # above the least added mass at which the time step is stable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,29 +81,6 @@ def contact_angle(ratio: float) -> float:
     return math.atan2(2.0 * ratio * math.sqrt(1.0 - ratio**2), 2.0 * ratio**2 - 1.0)
 
 
-def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> None:
-    """Give every explicit pair of a compiled model the contact of ``foot``.
-
-    Args:
-        model: whose pairs are all of a foot and the floor.
-        foot: the pad.
-        mass: the leg's effective mass [kg].
-    """
-    step, stiffness, damping = float(model.opt.timestep), foot.stiffness, foot.damping(mass)
-    needed = _SAFETY * (stiffness * step**2 + 2.0 * damping * step) / 4.0 - _LIGHTEST_FOOT
-    added = max(_LEAST_ADDED * mass, needed)  # [kg]
-    model.opt.impratio = max(_FRICTION_MASS / added, 1.0)  # the normal direction gives way, friction must not
-    for pair in range(model.npair):
-        body = model.geom_bodyid[model.pair_geom2[pair]]
-        share = added * float(model.body_invweight0[body, 0])
-        impedance = share / (1.0 + share)
-        # In MuJoCo's direct format the reference acceleration is (solref[1] v + solref[0] x) / d.
-        per_mass = impedance / added
-        model.pair_solref[pair] = (-stiffness * per_mass, -damping * per_mass)
-        model.pair_solreffriction[pair] = (-1.0, -_FRICTION_RATE / step * impedance)
-        model.pair_solimp[pair] = (impedance, impedance, 0.001, 0.5, 2.0)
-
-
 def effective_leg_mass(model: mujoco.MjModel) -> float:
     """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops."""
     rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
@@ -152,13 +118,5 @@ def foot_masses(
 
 
 def set_friction(model: mujoco.MjModel, friction: float) -> None:
-    """Give all geoms and all pairs of a compiled model one sliding friction coefficient [-]."""
+    """Give all geoms of a compiled model one sliding friction coefficient [-]."""
     model.geom_friction[:, 0] = friction
-    model.pair_friction[:, :2] = friction
-
-
-def add_foot_pair(spec: mujoco.MjSpec, foot: str, friction: float) -> None:
-    """An explicit pair of ``floor`` and a foot: only pairs have a ``solreffriction`` of their own."""
-    pair = spec.add_pair(name=foot, geomname1="floor", geomname2=foot)
-    pair.condim = 3
-    pair.friction[:2] = friction

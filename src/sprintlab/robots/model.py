@@ -12,21 +12,10 @@ import numpy as np
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError, printable
 from sprintlab.robots.description import FloatArray, Link, RobotDescription, joint_kind, point_inertia
-from sprintlab.robots.foot import (
-    NOMINAL_FOOT,
-    FootContact,
-    add_foot_pair,
-    effective_leg_mass,
-    set_foot_contact,
-)
 from sprintlab.robots.visuals import add_robot_visuals, add_scenery
 
 COLLISION_MODES = ("feet", "full")
-INTEGRATORS = {
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "euler": mujoco.mjtIntegrator.mjINT_EULER,
-}
-# Contacts of trunk, thighs and shanks, which have no pads: stiff from the first tenth of a millimetre.
+# Stiff from the first tenth of a millimetre.
 CONTACT_IMPEDANCE = (0.95, 0.99, 0.001, 0.5, 2.0)
 _SLIDE_ONLY = 3  # contact dimension: normal and two tangents, no torsion or rolling
 
@@ -50,14 +39,11 @@ class ModelOptions:
     # ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs and trunk
     # collide with the floor and with other legs)
     collisions: str = "feet"
-    foot: FootContact = NOMINAL_FOOT  # stiffness and restitution of the feet on the floor
     # whether MuJoCo's solver makes the contact of feet and floor; the plant has pads instead
     solver_feet: bool = True
-    # time constant of all other contacts and of joint limits [s]; at least two time steps, below which MuJoCo
-    # would silently soften it
+    # time constant of contacts and of joint limits [s]; at least two time steps, below which MuJoCo would
+    # silently soften it
     contact_time_constant: float = 0.004
-    # ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU)
-    integrator: str = "implicitfast"
     dry_friction: bool = True  # whether joints have dry friction (MuJoCo ``frictionloss``)
     joint_limits: bool = True  # whether joints and springs have hard limits
     visuals: bool = False  # whether the model carries what only cameras see
@@ -68,7 +54,6 @@ class ModelOptions:
         check_positive("timestep", self.timestep, "s")
         check_range("timestep", self.timestep, 1e-5, 0.01, "s")
         check_choice("collisions", self.collisions, COLLISION_MODES)
-        check_choice("integrator", self.integrator, tuple(INTEGRATORS))
         check_positive("contact_time_constant", self.contact_time_constant, "s")
         if self.contact_time_constant < 2.0 * self.timestep * (1.0 - 1e-9):
             allowed = f"must be at least two time steps, {2.0 * self.timestep:g} s"
@@ -84,30 +69,24 @@ def build_model(
 
     Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
     between the last two; joints ``root`` (free), the robot's joints and its springs, 4 or none; geoms
-    ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
-    of floor and foot per leg, named like the foot, with the pad's contact; torque actuators in policy order;
-    keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``, whose geom is named so.
-    ``amend`` may change the model before it is compiled, e.g. put terrain in the floor's place.
+    ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; torque
+    actuators in policy order; keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``,
+    whose geom is named so. ``amend`` may change the model before it is compiled, e.g. put terrain in the
+    floor's place.
     """
     options = options or ModelOptions()
     try:
         spec = robot_spec(robot, options)
         if amend is not None:
             amend(spec)
-        model = spec.compile()
+        return spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise RobotModelError(f"robot {robot.name!r} does not compile: {reason}") from error
-    if options.solver_feet:
-        set_foot_contact(model, options.foot, effective_leg_mass(model))
-    return model
 
 
 def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
-    """The editable form of ``build_model``: for adding sensors, cameras or terrain before compiling.
-
-    The pads' contact depends on compiled quantities: after compiling, call ``set_foot_contact``.
-    """
+    """The editable form of ``build_model``: for adding sensors, cameras or terrain before compiling."""
     return _Builder(robot, options).spec
 
 
@@ -129,8 +108,6 @@ class _Builder:
         rear = self._add_rear_trunk(trunk)
         for index in (2, 3):
             self._add_leg(rear, index)
-        for leg in robot.leg_names if options.solver_feet else ():
-            add_foot_pair(self.spec, f"{leg}_foot", robot.foot_friction)
         for joint in robot.joint_names:
             self._add_torque_actuator(joint)
         if options.visuals:
@@ -142,9 +119,7 @@ class _Builder:
         option = self.spec.option
         option.timestep = self.options.timestep
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        option.integrator = INTEGRATORS[self.options.integrator]
-        if self.options.integrator == "euler":
-            option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.spec.compiler.degree = False
 
     def _set_contact(self, geom: mujoco.MjsGeom, *, contype: int, conaffinity: int) -> None:

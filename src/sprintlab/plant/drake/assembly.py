@@ -224,10 +224,7 @@ def _filter_collisions(scene_graph: SceneGraph, model: mujoco.MjModel, shapes: l
 
 
 def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether MuJoCo would let two geoms collide: explicit pair, or bits that match on bodies apart."""
-    pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
-    if any({first, second} == set(pair) for pair in pairs):
-        return True
+    """Whether MuJoCo would let two geoms collide: bits that match, on bodies apart."""
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     welded = [int(model.body_weldid[body]) for body in bodies]
     if welded[0] == welded[1] or ((min(bodies) << 16) + max(bodies)) in model.exclude_signature:
