@@ -74,8 +74,8 @@ def pmsm_actuator(joint_names: Sequence[str], motors: JointMotors, **fields: Any
     """The actuator group of these joints, with armature and limits from their motors.
 
     Isaac Lab's effort limit of the joint is what the motors can hold when braking, with gear losses, so that
-    nothing is clipped twice.
-    Names are in any order; ``fields`` are ``stiffness``, ``damping`` and others of the configuration.
+    nothing is clipped twice. Names are in any order; ``fields`` are ``stiffness``, ``damping`` and others of
+    the configuration.
     """
     found, values = motors.ordered(joint_names), motors.parameters(joint_names)
     ratio, efficiency = values["gear_ratio"], values["gear_efficiency"]

@@ -109,9 +109,7 @@ class PmsmClamping(ClampingBase):
 def pmsm_clampings(
     joint_names: Sequence[str], motors: JointMotors
 ) -> dict[str, tuple[type[PmsmClamping], dict[str, float]]]:
-    """What ``ModelBuilder.add_actuator(..., clamping=[...])`` takes for each joint, by its name.
-    The names are in any order.
-    """
+    """What ``ModelBuilder.add_actuator(..., clamping=[...])`` takes for each joint, by its name."""
     values = motors.parameters(joint_names)
     return {
         joint: (PmsmClamping, {name: float(values[name][at]) for name in _PARAMETERS})

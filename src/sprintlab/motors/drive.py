@@ -35,6 +35,7 @@ def drive_torque(
 
     Gear down, clip to ``torque_limits``, ``saturate``, gear up with losses in the direction of power: like
     firmware that turns torque into current by the nominal torque constant. Nothing here waits for a device.
+
     Torque [N m] and velocity [rad/s] may have the shape ``(n, 12)`` where motors have ``(12,)``.
     """
     xp, (desired, ratio) = as_arrays(desired_joint_torque, gear.ratio)

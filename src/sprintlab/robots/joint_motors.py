@@ -75,8 +75,8 @@ def robot_motors(robot: RobotDescription | str) -> JointMotors:
 def match_joints(names: Sequence[str], joints: Sequence[str]) -> list[int]:
     """Index among a robot's ``joints`` of each name: equal, or equal under one of ``CONVENTIONS``.
 
-    ``FL_calf_joint``, ``robot/fl_calf`` and ``LF_KFE`` all are ``FL_knee``.
-    The names are in any order, for any number of the robot's joints.
+    ``FL_calf_joint``, ``robot/fl_calf`` and ``LF_KFE`` all are ``FL_knee``. The names are in any order, for
+    any number of the robot's joints.
     """
     check_unique(names)
     places = {joint: place for place, joint in enumerate(joints)}

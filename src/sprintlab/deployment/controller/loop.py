@@ -110,8 +110,8 @@ def run_loop(
     """Drive the robot until the run is over.
 
     The first interruption brings the robot down in order (brake, stand, lie down), a second stops it at once.
-    Whatever ends the loop, the last command damps the joints or leaves them off.
-    ``interrupted`` counts the interruptions so far; ``status`` is told ten times a second how things stand.
+    Whatever ends the loop, the last command damps the joints or leaves them off. ``interrupted`` counts the
+    interruptions so far; ``status`` is told ten times a second how things stand.
     """
     loop = _Loop(
         controller=controller, bus=bus, options=options, log=log, interrupted=interrupted, status=status

@@ -76,8 +76,8 @@ class _DeviceSource(CommandSource):
 class KeyboardSource(_DeviceSource):
     """Keys of a terminal, taken one by one without Enter. The terminal is put back when it closes.
 
-    The keys stand in ``docs/deployment.md``; ``p`` is passive after a stop.
-    ``descriptor`` is the terminal's; standard input when left out.
+    The keys stand in ``docs/deployment.md``; ``p`` is passive after a stop. ``descriptor`` is the terminal's;
+    standard input when left out.
     """
 
     def __init__(self, top_speed: float, descriptor: int | None = None) -> None:

@@ -193,7 +193,8 @@ def randomize_bus_voltage(
     asset_cfg: SceneEntityCfg = _ROBOT,
 ) -> None:
     """An mjlab event: one bus voltage an environment, shared by all its motors.
-    Uniform between least and greatest voltage [V], for all environments if ``env_ids`` is ``None``.
+
+    It is uniform between least and greatest [V]; ``env_ids`` is ``None`` for all environments.
     """
     low, high = voltage_range
     check_positive("voltage_range", low, "V")

@@ -96,9 +96,7 @@ def read_choices(path: Path) -> dict[str, Any]:
 
 
 def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
-    """The choices that a table holds, as ``read_choices`` gives it.
-    Of each joint type, a table of the fields of ``JointChoice``; messages name their ``origin``.
-    """
+    """The choices that a table of ``read_choices`` holds; messages name their ``origin``."""
     try:
         tables = {joint: JointChoice(**table) for joint, table in given.get("joints", {}).items()}
         return RobotChoices(**{**given, "joints": tables})

@@ -32,6 +32,7 @@ class ImportedRobot:
 
 def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path) -> ImportedRobot:
     """Write the folder of a robot from an MJCF or URDF; nothing is left behind if anything is refused.
+
     ``source`` is a model file, or what ``read_source`` made of it.
     """
     folder = output / choices.name

@@ -67,8 +67,8 @@ def half_widths(decomposition: Decomposition, residuals: FloatArray, rows: Seque
     Each residual stands for its own variance (HC3: MacKinnon and White, Journal of Econometrics 29, 1985), so
     that sensors whose noise grows with the signal do not narrow the intervals; where the fit took a residual
     for itself, the channel's noise stands in. The quantile of Student's t takes the effective degrees of
-    freedom of each parameter (Welch and Satterthwaite), as the noise is known only as well as rows allow.
-    The residuals ``(m,)`` are in units of their channel's noise.
+    freedom of each parameter (Welch and Satterthwaite), as the noise is known only as well as rows allow. The
+    residuals ``(m,)`` are in units of their channel's noise.
     """
     from scipy import special  # pyright: ignore[reportMissingTypeStubs]
 
