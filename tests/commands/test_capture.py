@@ -7,8 +7,8 @@ from tests.commands.test_schedules import SCHEDULES, draw_inputs
 from sprintlab.commands import CommandStep, initial_state, ranked_speeds
 from sprintlab.control import (
     LowPass,
+    Measurement,
     ObservationLayout,
-    Proprioception,
     join_proprioception,
     joint_targets,
     network_input,
@@ -45,7 +45,7 @@ def test_a_step_reads_no_value_and_makes_no_constant_on_the_host(schedule):
     tensors = {name: torch.from_numpy(value).to("meta") for name, value in drawn.items()}
     quaternion, rate, joints, filtered, history = (tensors.pop(name) for name in SHAPES)
     with NoHostConstants():
-        raw = Proprioception(rate, projected_gravity(quaternion), joints, joints)
+        raw = Measurement(rate, projected_gravity(quaternion), joints, joints)
         filtered = LowPass().step(filtered, join_proprioception(raw), tensors["reset_mask"])
         step = CommandStep(dt=0.02, lower=-2.0, upper=9.0, **tensors)
         state = schedule.advance(initial_state(64, tensors["speed"]), step)

@@ -15,10 +15,10 @@ from sprintlab.control.filters import LowPass as LowPass
 from sprintlab.control.filters import low_pass as low_pass
 from sprintlab.control.filters import low_pass_coefficient as low_pass_coefficient
 from sprintlab.control.observation import OBSERVABLES as OBSERVABLES
+from sprintlab.control.observation import Measurement as Measurement
 from sprintlab.control.observation import Observable as Observable
 from sprintlab.control.observation import Observation as Observation
 from sprintlab.control.observation import ObservationLayout as ObservationLayout
-from sprintlab.control.observation import Proprioception as Proprioception
 from sprintlab.control.observation import fill_history as fill_history
 from sprintlab.control.observation import join_proprioception as join_proprioception
 from sprintlab.control.observation import network_input as network_input
@@ -28,7 +28,6 @@ from sprintlab.control.observation import push_history as push_history
 from sprintlab.control.observation import split_proprioception as split_proprioception
 from sprintlab.control.observation import update_history as update_history
 from sprintlab.control.policy import ESTIMATE_SIZE as ESTIMATE_SIZE
-from sprintlab.control.policy import Measurement as Measurement
 from sprintlab.control.policy import Policy as Policy
 from sprintlab.control.policy import PolicyRuntime as PolicyRuntime
 from sprintlab.control.policy import load_policy as load_policy

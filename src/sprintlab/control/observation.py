@@ -135,8 +135,8 @@ class Observation:
 
     @property
     def sensor_sizes(self) -> dict[str, int]:
-        """Numbers of each sensor, by the fields of ``Proprioception``: what is noisy and low-passed."""
-        return dict(zip(Proprioception._fields, (3, 3, self.joints, self.joints), strict=True))
+        """Numbers of each sensor, by the fields of ``Measurement``: what is noisy and low-passed."""
+        return dict(zip(Measurement._fields, (3, 3, self.joints, self.joints), strict=True))
 
     @property
     def measured_size(self) -> int:
@@ -149,25 +149,25 @@ class Observation:
         return self.frame_size * self.history_length
 
 
-class Proprioception(NamedTuple):
-    """What the robot's own sensors say; units and shapes as in ``Signals``."""
+class Measurement(NamedTuple):
+    """What the robot's own sensors say at one policy step; for one robot without the leading dimensions."""
 
-    angular_velocity: Array
-    projected_gravity: Array
-    joint_position: Array
-    joint_velocity: Array
+    angular_velocity: Array  # body frame [rad/s] ``(..., 3)``
+    projected_gravity: Array  # unit gravity vector, body frame ``(..., 3)``
+    joint_position: Array  # angles of the motor encoders [rad] ``(..., joints)``
+    joint_velocity: Array  # [rad/s] ``(..., joints)``
 
 
-def join_proprioception(parts: Proprioception) -> Array:
+def join_proprioception(parts: Measurement) -> Array:
     """All measured numbers ``(..., 6 + 2 joints)``: what the low-pass runs over."""
     xp = namespace(*parts)
     return xp.concat(tuple(parts), axis=-1)
 
 
-def split_proprioception(values: Array) -> Proprioception:
+def split_proprioception(values: Array) -> Measurement:
     """Inverse of ``join_proprioception`` (views, not copies)."""
     joints = (values.shape[-1] - 6) // 2
-    return Proprioception(
+    return Measurement(
         values[..., 0:3], values[..., 3:6], values[..., 6 : 6 + joints], values[..., 6 + joints :]
     )
 

@@ -22,7 +22,7 @@ from sprintlab.control.contract import (
     decode_contract,
 )
 from sprintlab.control.observation import (
-    Proprioception,
+    Measurement,
     fill_history,
     join_proprioception,
     network_input,
@@ -94,15 +94,6 @@ class Policy:
         except Exception as error:  # onnxruntime's exceptions share no other base
             raise PolicyFileError(f"the policy's network fails: {printable(error)}") from error
         return Decision(given[0], given[1] if self.estimates else None)
-
-
-class Measurement(NamedTuple):
-    """What the robot's sensors say at one policy step."""
-
-    angular_velocity: FloatArray  # body frame [rad/s] ``(3,)``
-    projected_gravity: FloatArray  # unit gravity vector, body frame ``(3,)``
-    joint_position: FloatArray  # angles of the motor encoders [rad] ``(joints,)``
-    joint_velocity: FloatArray  # [rad/s] ``(joints,)``
 
 
 class PolicyRuntime:
@@ -192,7 +183,7 @@ class PolicyRuntime:
 
     def _frame(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         relative = measurement._replace(joint_position=measurement.joint_position - self._default_pose)
-        value = join_proprioception(Proprioception(*relative))
+        value = join_proprioception(relative)
         self._filtered = value if self._filtered is None else self._filter.step(self._filtered, value)
         return observation_frame(
             self._layout.layout,

@@ -26,7 +26,7 @@ from sprintlab.control import (
     ESTIMATE_SIZE,
     POLICY_RATE_HZ,
     LowPass,
-    Proprioception,
+    Measurement,
     join_proprioception,
     joint_targets,
     network_input,
@@ -174,9 +174,7 @@ class SprintEnvironment:
         self._joint_offset = self.fleet.joint_offset
         nothing = torch.zeros(self.num_envs, 3, device=self.device)
         still = torch.zeros_like(self._joint_offset)
-        self._measured_offset = join_proprioception(
-            Proprioception(nothing, nothing, self._joint_offset, still)
-        )
+        self._measured_offset = join_proprioception(Measurement(nothing, nothing, self._joint_offset, still))
 
     def _allocate_state(self) -> None:
         n, joints = self.num_envs, self.num_actions
@@ -611,7 +609,7 @@ class SprintEnvironment:
         """
         body = body or self.kinematics.read()
         released = self._hold(reset_mask, body.gravity)
-        parts = Proprioception(
+        parts = Measurement(
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
         )
         clean = torch.nan_to_num(join_proprioception(parts))
