@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import (
+    Measurement,
     ObservationLayout,
     fill_history,
     observation_frame,
@@ -27,7 +28,8 @@ def draw_terms(n=6):
 
 def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
     layout, terms = ObservationLayout(), draw_terms()
-    frame = observation_frame(layout, **terms)
+    measured = Measurement(*(terms[name] for name in Measurement._fields))
+    frame = observation_frame(layout, measured, terms["command"], terms["previous_action"])
     start, observation = 0, layout.for_joints(12)
     assert (frame.shape, observation.frame_size, observation.input_size) == ((6, 45), 45, 225)
     for name in layout.terms:

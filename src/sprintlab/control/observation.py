@@ -190,19 +190,10 @@ def projected_gravity(quaternion: Array, slope: Array | None = None) -> Array:
 
 
 def observation_frame(
-    layout: ObservationLayout,
-    *,
-    angular_velocity: Array,
-    projected_gravity: Array,
-    command: Array,
-    joint_position: Array,
-    joint_velocity: Array,
-    previous_action: Array,
+    layout: ObservationLayout, measured: Measurement, command: Array, previous_action: Array
 ) -> Array:
-    """One scaled frame ``(..., F)`` of the layout's terms; the arguments are those of ``Signals``."""
-    signals = Signals(
-        angular_velocity, projected_gravity, joint_position, joint_velocity, command, previous_action
-    )
+    """One scaled frame ``(..., F)`` of the layout's terms, made of ``Signals``."""
+    signals = Signals(*measured, command, previous_action)
     parts: list[Array] = []  # not list[Array](), which PyTorch cannot compile
     for name, scale in layout.terms.items():
         value = OBSERVABLES[name].value(signals)

@@ -185,12 +185,8 @@ class PolicyRuntime:
         relative = measurement._replace(joint_position=measurement.joint_position - self._default_pose)
         value = join_proprioception(relative)
         self._filtered = value if self._filtered is None else self._filter.step(self._filtered, value)
-        return observation_frame(
-            self._layout.layout,
-            **split_proprioception(self._filtered)._asdict(),
-            command=command,
-            previous_action=self._previous_action,
-        )
+        measured = split_proprioception(self._filtered)
+        return observation_frame(self._layout.layout, measured, command, self._previous_action)
 
 
 def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = None) -> Policy:

@@ -623,12 +623,8 @@ class SprintEnvironment:
         self.critic_observation.copy_(critic.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION))
 
     def _frame(self, proprioception: torch.Tensor) -> torch.Tensor:
-        frame = observation_frame(
-            self.settings.observation,
-            **split_proprioception(proprioception)._asdict(),
-            command=self.commands.command,
-            previous_action=self.previous_action,
-        )
+        measured, command = split_proprioception(proprioception), self.commands.command
+        frame = observation_frame(self.settings.observation, measured, command, self.previous_action)
         return frame.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION)
 
     # --- statistics --------------------------------------------------------------------------------------
