@@ -19,7 +19,6 @@ from sprintlab.deployment.log import read_log
 from sprintlab.deployment.operators import SprintSource
 from sprintlab.deployment.simulator import (
     LinkOptions,
-    PaceOptions,
     SimulatedWorld,
     SimulatorOptions,
     run_simulator,
@@ -79,9 +78,9 @@ def test_loss_and_jitter_are_ridden_out(bus, sprint_policy, robot, monkeypatch):
     noisy = SimulatorOptions(plant=PlantOptions(**COARSE), noise=1.0)
     world = SimulatedWorld(robot, noisy, LinkOptions(jitter=0.001, loss=0.05))
     controller = Controller(sprint_policy, robot, SprintSource(4.0, 2.0))
-    pace = PaceOptions(lock_step=True, end_with_controller=True)
+    pace = {"lock_step": True, "end_with_controller": True}
     with ThreadPoolExecutor(1) as threads, closing(open_endpoint(bus)) as endpoint:
-        simulator = threads.submit(run_simulator, world, endpoint, pace)
+        simulator = threads.submit(run_simulator, world, endpoint, **pace)
         with closing(open_bus(bus, session=controller.session)) as interface:
             run = run_loop(controller, interface, LoopOptions(lock_step=True, priority=None))
         simulated = simulator.result()

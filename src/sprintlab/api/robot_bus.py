@@ -237,9 +237,6 @@ def robot_sim(
         watchdog_timeout=1e-3 * watchdog,
         seed=seed,
     )
-    pace = simulators.PaceOptions(
-        lock_step=lock_step, duration=duration, end_with_controller=end_with_controller
-    )
     check_range("priority", priority, 1, 99)
     # As in ``run``, interruptions are handled until all else is closed.
     with ExitStack() as interruptible, closing(buses.open_endpoint(bus)) as endpoint:
@@ -250,7 +247,9 @@ def robot_sim(
             report = simulators.run_simulator(
                 world,
                 endpoint,
-                pace,
+                lock_step=lock_step,
+                duration=duration,
+                end_with_controller=end_with_controller,
                 stopped=lambda: interrupted() > 0,
                 progress=lambda time, way: progress(f"{time:.1f} s, {way:.1f} m", None),
                 remark=remark,

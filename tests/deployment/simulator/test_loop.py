@@ -13,7 +13,6 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.simulator import (
     Link,
     LinkOptions,
-    PaceOptions,
     SimulatedWorld,
     SimulatorOptions,
     loop,
@@ -81,7 +80,7 @@ def world_of(**options):
 def test_time_that_cannot_be_made_up_for_is_given_up_and_counted(monkeypatch, extra, given_up):
     """A process that the machine leaves alone for 80 ms, ten times."""
     monkeypatch.setattr(loop, "time", FakeClock(extra))
-    report = run_simulator(world_of(), Endpoint(), PaceOptions(duration=0.01))
+    report = run_simulator(world_of(), Endpoint(), duration=0.01)
     assert report.simulated_time == pytest.approx(0.01)
     assert report.given_up == pytest.approx(given_up, abs=0.01)
 
@@ -92,7 +91,7 @@ def test_each_reason_for_a_dropped_command_is_told_once_and_counted(monkeypatch)
     told, expired = [], "the watchdog has expired: only a damping or off command is taken first"
     endpoint = Endpoint(*(make_command(number) for number in range(1, 151)))
     endpoint.refused["a LowCmd_ came damaged: its checksum does not fit"] = 7
-    report = run_simulator(world_of(), endpoint, PaceOptions(duration=0.3), remark=told.append)
+    report = run_simulator(world_of(), endpoint, duration=0.3, remark=told.append)
     assert report.drop_reasons[expired] == 150 and report.commands_dropped == 157
     assert sorted(told) == sorted(f"a command was dropped: {reason}" for reason in report.drop_reasons)
     assert report.simulated_time == pytest.approx(0.3) and len(endpoint.published) == 300
@@ -102,4 +101,4 @@ def test_a_robot_in_lock_step_that_is_not_answered_gives_up(monkeypatch):
     monkeypatch.setattr(loop, "time", FakeClock())
     endpoint = Endpoint(make_command(1, state_sequence=0))  # the answer to another state
     with pytest.raises(SprintlabError, match="has not answered"):
-        run_simulator(world_of(), endpoint, PaceOptions(lock_step=True))
+        run_simulator(world_of(), endpoint, lock_step=True)

@@ -1,6 +1,5 @@
 """A simulated robot behind the robot bus: plant, sensors, link and watchdog."""
 
-from sprintlab.deployment.simulator.loop import PaceOptions as PaceOptions
 from sprintlab.deployment.simulator.loop import run_simulator as run_simulator
 from sprintlab.deployment.simulator.robot import TYPICAL_NOISE as TYPICAL_NOISE
 from sprintlab.deployment.simulator.robot import SimulatedRobot as SimulatedRobot

@@ -20,21 +20,6 @@ _PATIENCE = 30.0  # [s] without any answer in lock-step after which the simulati
 _POLL = 2e-5  # s between two looks at the bus in lock-step
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaceOptions:
-    """How fast simulated time passes, and when it ends; ``InvalidValueError`` where a field is impossible."""
-
-    # pass one step for each answer of the controller instead, however long that takes. The result then does
-    # not depend on the machine's load
-    lock_step: bool = False
-    duration: float | None = None  # end after this much simulated time [s]; ``None`` for no end
-    end_with_controller: bool = False  # end when a controller that was there has left
-
-    def __post_init__(self) -> None:
-        if self.duration is not None:
-            check_positive("duration", self.duration, "s")
-
-
 @dataclass(kw_only=True)
 class SimulatorReport:
     """What happened to the simulated robot."""
@@ -58,21 +43,27 @@ class SimulatorReport:
 def run_simulator(
     world: SimulatedWorld,
     endpoint: RobotEnd,
-    pace: PaceOptions,
     *,
+    lock_step: bool = False,
+    duration: float | None = None,
+    end_with_controller: bool = False,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float], None] = lambda time, distance: None,
     remark: Callable[[str], None] = lambda text: None,
 ) -> SimulatorReport:
-    """Be a robot on the bus until told to stop.
+    """Be a robot on the bus until told to stop, for a ``duration`` [s], or until a controller has left.
 
-    ``stopped`` is asked at every step, ``progress`` told time [s] and distance [m] ten times a simulated
-    second, ``remark`` each reason for which commands are dropped.
+    In lock-step simulated time passes one step for each answer of the controller, however long that takes:
+    the result then does not depend on the machine's load. ``stopped`` is asked at every step, ``progress``
+    told time [s] and distance [m] ten times a simulated second, ``remark`` each reason for which commands are
+    dropped.
     """
-    run = _Run(world, endpoint, pace, stopped)
+    if duration is not None:
+        check_positive("duration", duration, "s")
+    run = _Run(world, endpoint, stopped)
     told: set[str] = set()
     steps = 0
-    while not run.over() and (run.answered() if pace.lock_step else run.on_time()):
+    while not run.over(duration, end_with_controller) and (run.answered() if lock_step else run.on_time()):
         world.step()
         run.look()
         steps += 1
@@ -87,11 +78,9 @@ def run_simulator(
 class _Run:
     """The simulation while it runs; the report is filled from the true state of the plant."""
 
-    def __init__(
-        self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions, stopped: Callable[[], bool]
-    ) -> None:
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, stopped: Callable[[], bool]) -> None:
         self.report = SimulatorReport()
-        self._world, self._endpoint, self._pace, self._stopped = world, endpoint, pace, stopped
+        self._world, self._endpoint, self._stopped = world, endpoint, stopped
         rate = world.robot.plant.options.motor_rate
         self._period = 1.0 / rate
         self._positions: deque[float] = deque(maxlen=round(0.5 * rate) + 1)
@@ -99,12 +88,11 @@ class _Run:
         self._commands = 0
         self._next: float | None = None  # when the next step is due [s]
 
-    def over(self) -> bool:
+    def over(self, duration: float | None, end_with_controller: bool) -> bool:
         """Whether the run's own end has come."""
-        pace = self._pace
-        if pace.duration is not None and self._world.time >= pace.duration - 0.5 * self._period:
+        if duration is not None and self._world.time >= duration - 0.5 * self._period:
             return True
-        return self._stopped() or (pace.end_with_controller and self._controller_left())
+        return self._stopped() or (end_with_controller and self._controller_left())
 
     def on_time(self) -> bool:
         """Wait for the next step's moment, then exchange messages."""
