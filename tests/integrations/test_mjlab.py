@@ -13,11 +13,8 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Gear,
-    I2tLimit,
     PmsmParameters,
     drive_torque,
-    i2t_decay,
-    i2t_drive,
     stack_motors,
     torque_limits,
 )
@@ -124,40 +121,10 @@ def test_groups_with_different_motors_fuse_into_one_law_which_is_that_of_the_mot
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-def test_i2t_follows_the_law_of_the_motor_package_and_resets(build):
-    limits = [
-        I2tLimit(continuous_current=10.0, time_constant=0.05),
-        I2tLimit(continuous_current=20.0, peak_duration=0.1),
-    ]
-    groups = [build(i2t=limits[0]), build(first_joint=2, i2t=limits[1])]
-    fused, remaining = FusedActuatorGroup.process(groups)
-    assert remaining == () and len(fused._groups) == 1
-    fused.initialize(ENVIRONMENTS, "cpu")
-    group, level = fused._groups[0], np.zeros((ENVIRONMENTS, 4))
-    continuous = np.repeat([10.0, 20.0], 2)
-    decay = np.repeat([float(i2t_decay(limit, motor(), TIMESTEP)) for limit in limits], 2)
-    gear, strongest = Gear(ratio=6.0, efficiency=0.9), 6.0 * motor().peak_torque
-    for seed in range(40):
-        command = random_command(4, seed)
-        torque = group.actuator_type.control_law(group.params, command)
-        speed = command.vel.numpy().astype(float)
-        asked = 20.0 * (command.position_target - command.pos).numpy().astype(float) - speed
-        expected, level = i2t_drive(
-            motor(), gear, continuous, level, decay, np.clip(asked, -strongest, strongest), speed, 20.0
-        )
-        assert torque.numpy() == pytest.approx(expected.torque, rel=1e-3, abs=1e-3)
-    assert groups[1].i2t_level.numpy() == pytest.approx(level[:, 2:], abs=1e-4)
-    assert level.max() > 0.9
-    groups[0].reset(torch.tensor([1]))
-    assert groups[0].i2t_level[1].tolist() == [0.0, 0.0]
-    assert groups[0].i2t_level[0].tolist() == pytest.approx(level[0, :2], abs=1e-4)
-
-
-@pytest.mark.parametrize("i2t", [None, I2tLimit(continuous_current=10.0, time_constant=1.0)])
 @pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_nothing_in_the_law_waits_for_the_device(build, model, i2t):
+def test_nothing_in_the_law_waits_for_the_device(build, model):
     """Tensors on the meta device hold no numbers: whoever asked for one would fail."""
-    actuator = build(model=model, i2t=i2t)
+    actuator = build(model=model)
     params = {name: getattr(actuator, name).to("meta") for name in actuator.param_names}
     command = random_command(2)
     empty = ActuatorCmd(**{name: value.to("meta") for name, value in vars(command).items()})

@@ -2,7 +2,6 @@
 
 The law is mjlab's ``control_law`` contract, so that groups of joints with different motors are computed
 together (``mjlab.actuator.fused_group``). Groups are fused by type: each motor model has a type of its own.
-With I²t the level is one more parameter tensor, which the law itself advances: mjlab calls it once a step.
 """
 
 from __future__ import annotations
@@ -24,13 +23,9 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Gear,
-    I2tLimit,
     MotorModel,
     PmsmParameters,
     drive_torque,
-    i2t_decay,
-    i2t_drive,
-    i2t_time_constant,
     phase_voltage_limit,
     unchecked,
 )
@@ -38,7 +33,6 @@ from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots import JointMotors
 
 _OWN_PARAMETERS = (*MOTOR_UNITS, "gear_ratio", "gear_efficiency", "bus_voltage")
-_I2T_PARAMETERS = ("continuous_current", "i2t_level", "i2t_decay")  # in the order of ``i2t_drive``
 
 
 @dataclass(kw_only=True)
@@ -54,21 +48,17 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
     """One motor for all joints, or one per joint name, e.g. ``robot_motors("go1")``."""
     model: MotorModel = "refined"
     """Which voltage limit holds: one of ``MOTOR_MODELS``."""
-    i2t: I2tLimit | None = None
-    """How the drives cut overloads back, plain numbers; ``None``: the peak current may flow for ever."""
 
     def __post_init__(self) -> None:
         check_choice("model", self.model, MOTOR_MODELS)
         check_positive("bus_voltage", self.motors.bus_voltage, "V")
-        if self.i2t is not None:
-            i2t_time_constant(self.i2t, self.motors.motor)
         if self.transmission_type != TransmissionType.JOINT:
             raise InvalidValueError("transmission_type", self.transmission_type.value, "must be joint")
         super().__post_init__()
 
     def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> PmsmActuator:
         """The actuator of this group, of the type that stands for ``model``."""
-        return actuator_type(self.model, self.i2t is not None)(self, entity, target_ids, target_names)
+        return actuator_type(self.model)(self, entity, target_ids, target_names)
 
 
 class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
@@ -79,7 +69,6 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
     """
 
     model: ClassVar[MotorModel] = "refined"
-    limited: ClassVar[bool] = False
     param_names = (*IdealPdActuator.param_names, *_OWN_PARAMETERS)
 
     @classmethod
@@ -91,13 +80,7 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
         desired = torch.clamp(pd_torque(params["stiffness"], params["damping"], cmd), -limit, limit)
         motor = unchecked(PmsmParameters, {name: params[name] for name in MOTOR_UNITS})
         gear = unchecked(Gear, {"ratio": params["gear_ratio"], "efficiency": params["gear_efficiency"]})
-        asked = (desired, cmd.vel, params["bus_voltage"], cls.model)
-        if not cls.limited:
-            return drive_torque(motor, gear, *asked).torque
-        continuous, level, decay = (params[name] for name in _I2T_PARAMETERS)
-        output, level = i2t_drive(motor, gear, continuous, level, decay, *asked)
-        params["i2t_level"].copy_(level)
-        return output.torque
+        return drive_torque(motor, gear, desired, cmd.vel, params["bus_voltage"], cls.model).torque
 
     def edit_spec(self, spec: Any, target_names: list[str]) -> None:
         """As mjlab's; each joint's armature is its rotor's unless the configuration has one."""
@@ -117,38 +100,21 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
             values["force_limit"] = values["default_force_limit"] = (
                 values["peak_torque"] * values["gear_ratio"]
             )
-        if self.cfg.i2t is not None:
-            motor = unchecked(PmsmParameters, {name: values[name] for name in MOTOR_UNITS})
-            values["continuous_current"] = self.cfg.i2t.continuous_current
-            values["i2t_decay"] = i2t_decay(self.cfg.i2t, motor, mj_model.opt.timestep)
-            values["i2t_level"] = 0.0
         for name, value in values.items():
             row = torch.as_tensor(value, dtype=torch.float, device=device)
             setattr(self, name, row.expand(data.nworld, len(self.target_names)).clone())
-
-    def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
-        """As mjlab's; the drives of those environments are cold again."""
-        super().reset(env_ids)
-        if self.limited:
-            self.i2t_level[slice(None) if env_ids is None else env_ids] = 0.0
 
     def set_bus_voltage(self, env_ids: torch.Tensor | slice, voltage: torch.Tensor) -> None:
         """Set the bus voltage [V] of some environments; ``voltage`` is ``(environments,)`` or with joints."""
         self.bus_voltage[env_ids] = voltage.unsqueeze(-1) if voltage.ndim == 1 else voltage
 
 
-def actuator_type(model: MotorModel, limited: bool = False) -> type[PmsmActuator]:
-    """The actuator type of a motor model, with I²t or without; at every call the same: groups fuse."""
-    check_choice("model", model, MOTOR_MODELS)
-    return _actuator_type(model, limited)
-
-
 @cache
-def _actuator_type(model: MotorModel, limited: bool) -> type[PmsmActuator]:
-    words = model.title().replace("-", "") + ("I2t" if limited else "")
-    names = PmsmActuator.param_names + (_I2T_PARAMETERS if limited else ())
-    own = {"model": model, "limited": limited, "param_names": names, "__doc__": PmsmActuator.__doc__}
-    return type(f"Pmsm{words}Actuator", (PmsmActuator,), own)
+def actuator_type(model: MotorModel) -> type[PmsmActuator]:
+    """The actuator type of a motor model; at every call the same: groups fuse."""
+    check_choice("model", model, MOTOR_MODELS)
+    name = f"Pmsm{model.title().replace('-', '')}Actuator"
+    return type(name, (PmsmActuator,), {"model": model, "__doc__": PmsmActuator.__doc__})
 
 
 def datasheet_motors(
