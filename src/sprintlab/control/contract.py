@@ -180,14 +180,10 @@ def layout_from_contract(observation: ObservationContract, joints: int) -> Obser
     for term in observation.terms:
         if term.name not in OBSERVABLES:
             _require_equal("observation.terms", term.name, list(OBSERVABLES), "this version")
-    uniform = {term.name: term.scales[:1] * len(term.scales) == term.scales for term in observation.terms}
-    layout = ObservationLayout(
-        terms={
-            term.name: term.scales[0] if uniform[term.name] and term.scales else term.scales
-            for term in observation.terms
-        },
-        history_length=observation.history_length,
-    ).for_joints(joints)
+    terms = {
+        term.name: term.scales[0] if len(set(term.scales)) == 1 else term.scales for term in observation.terms
+    }
+    layout = ObservationLayout(terms=terms, history_length=observation.history_length).for_joints(joints)
     for term in observation.terms:
         size = layout.size(term.name)
         _require_equal(f"observation.{term.name} numbers", len(term.scales), size, "this version")

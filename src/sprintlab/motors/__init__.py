@@ -60,5 +60,4 @@ from sprintlab.motors.thermal import resistance_factor as resistance_factor
 from sprintlab.motors.thermal import squared_current as squared_current
 from sprintlab.motors.thermal import warmed as warmed
 from sprintlab.motors.thermal import warmed_with_housing as warmed_with_housing
-from sprintlab.motors.voltage import VOLTAGE_UTILIZATION as VOLTAGE_UTILIZATION
 from sprintlab.motors.voltage import phase_voltage_limit as phase_voltage_limit

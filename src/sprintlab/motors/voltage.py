@@ -16,12 +16,11 @@ def check_bus_voltage(bus_voltage: float) -> None:
     check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
 
 
-def phase_voltage_limit(bus_voltage: Array, utilization: float = VOLTAGE_UTILIZATION) -> Array:
+def phase_voltage_limit(bus_voltage: Array) -> Array:
     """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` [V] (linear space-vector modulation).
 
     A bus voltage in an array is not checked: the host would wait for the device.
     """
-    check_range("utilization", utilization, 0.0, 1.0)
     if isinstance(bus_voltage, int | float):
         check_range("bus_voltage", bus_voltage, 0.0, 2000.0, "V")
-    return bus_voltage * (utilization / math.sqrt(3.0))
+    return bus_voltage * (VOLTAGE_UTILIZATION / math.sqrt(3.0))
