@@ -20,18 +20,12 @@ class CurriculumSchedule(TargetSchedule):
     """Targets of a curriculum over its whole range, commanded at once: RLvRL and LP-ACRL.
 
     The curriculum alone decides how fast a target may be; the growing range of ``advance`` is not looked at.
-
-    Attributes:
-        targets: how targets are drawn; the grid is the curriculum.
-        straight_share: share of the targets whose yaw rate is zero, so that running straight is practised as
-            much as under the other schedules.
-
-    Raises:
-        InvalidValueError: the targets have no grid, or a share outside [0, 1].
     """
 
-    targets: TargetSampling = _FROM_BOX
+    targets: TargetSampling = _FROM_BOX  # how targets are drawn; the grid is the curriculum
     straight_share: float = 0.5
+    """Share of the targets whose yaw rate is zero, so that running straight is practised as much as under the
+    other schedules."""
 
     def __post_init__(self) -> None:
         check_range("straight_share", self.straight_share, 0.0, 1.0)
@@ -52,17 +46,10 @@ class CurriculumSchedule(TargetSchedule):
 
 @dataclass(frozen=True, kw_only=True)
 class RampedSchedule(TargetSchedule):
-    """Uniform targets over the growing range, which the command reaches along a ramp of fixed length (Hound).
-
-    Attributes:
-        ramp: time from one target to the next [s].
-
-    Raises:
-        InvalidValueError: a ramp that is not positive.
-    """
+    """Uniform targets over the growing range, which the command reaches along a ramp of fixed length (Hound)."""
 
     targets: TargetSampling = _UNIFORM
-    ramp: float = 1.0
+    ramp: float = 1.0  # time from one target to the next [s]
 
     def __post_init__(self) -> None:
         check_positive("ramp", self.ramp, "s")

@@ -41,17 +41,10 @@ class ProgressGrid(SpeedGrid):
     ``R_j(bin)`` is the mean ``target_score`` of stage j. The paper's temperature, stage length and rule for
     an untried bin are not known to us: here they are fields, and such a bin keeps its mean and has
     no progress. All bins are equally likely in the first stage, whose means count from zero.
-
-    Attributes:
-        temperature: the paper's beta.
-        stage_steps: policy steps in a stage.
-
-    Raises:
-        InvalidValueError: as ``SpeedGrid``, or a number that is not positive.
     """
 
-    temperature: float = 0.05
-    stage_steps: int = 400
+    temperature: float = 0.05  # the paper's beta
+    stage_steps: int = 400  # policy steps in a stage
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -26,46 +26,27 @@ class GridBins(NamedTuple):
 
 
 class TargetOutcome(NamedTuple):
-    """How ``n`` robots do on their targets; a grid learns from those that are due or failed.
+    """How ``n`` robots do on their targets; a grid learns from those that are due or failed."""
 
-    Attributes:
-        speed: target [m/s] ``(n,)``.
-        yaw_rate: commanded [rad/s] ``(n,)``.
-        speed_error: error of the speed against the target now [m/s] ``(n,)``.
-        yaw_error: error of the yaw rate against the command now [rad/s] ``(n,)``.
-        tracking: ``exp(-error^2)`` of speed and yaw rate, mean over the target's whole time; what is left of
-            that time after a fall counts as zero ``(n, 2)``.
-        due: the target's time is up and the robot stands ``(n,)``.
-        failed: the robot fell ``(n,)``.
-    """
-
-    speed: Array
-    yaw_rate: Array
-    speed_error: Array
-    yaw_error: Array
+    speed: Array  # target [m/s] (n,)
+    yaw_rate: Array  # commanded [rad/s] (n,)
+    speed_error: Array  # error of the speed against the target now [m/s] (n,)
+    yaw_error: Array  # error of the yaw rate against the command now [rad/s] (n,)
     tracking: Array
-    due: Array
-    failed: Array
+    """``exp(-error^2)`` of speed and yaw rate, mean over the target's whole time; what is left of that time
+    after a fall counts as zero ``(n, 2)``."""
+    due: Array  # the target's time is up and the robot stands (n,)
+    failed: Array  # the robot fell (n,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedGrid:
-    """Geometry of a grid.
+    """Geometry of a grid."""
 
-    Attributes:
-        speed: lowest and highest speed [m/s].
-        speed_bin: height of a bin [m/s].
-        yaw_limit: greatest yaw rate either way [rad/s].
-        yaw_bins: columns.
-
-    Raises:
-        InvalidValueError: bounds out of order, no bins, or more than a thousand either way.
-    """
-
-    speed: tuple[float, float] = (-2.0, 14.0)
-    speed_bin: float = 0.5
-    yaw_limit: float = 1.0
-    yaw_bins: int = 5
+    speed: tuple[float, float] = (-2.0, 14.0)  # lowest and highest speed [m/s]
+    speed_bin: float = 0.5  # height of a bin [m/s]
+    yaw_limit: float = 1.0  # greatest yaw rate either way [rad/s]
+    yaw_bins: int = 5  # columns
 
     def __post_init__(self) -> None:
         check_positive("speed_bin", self.speed_bin, "m/s")
@@ -148,22 +129,12 @@ class SpeedGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class CommandGrid(SpeedGrid):
-    """The grid curriculum's rule.
+    """The grid curriculum's rule."""
 
-    Attributes:
-        start: bins whose middle is no faster than this, either way, are open at the start [m/s].
-        gain: weight that a success adds to the bin and to each of its eight neighbours.
-        linear_success: a target counts as held when ``exp(-(v - v*)^2)`` exceeds this.
-        angular_success: the same of the yaw rate.
-
-    Raises:
-        InvalidValueError: as ``SpeedGrid``, ``start`` not positive, or a share outside [0, 1].
-    """
-
-    start: float = 1.0
-    gain: float = 0.2
-    linear_success: float = 0.8
-    angular_success: float = 0.5
+    start: float = 1.0  # bins whose middle is no faster than this, either way, are open at the start [m/s]
+    gain: float = 0.2  # weight that a success adds to the bin and to each of its eight neighbours
+    linear_success: float = 0.8  # a target counts as held when exp(-(v - v*)^2) exceeds this
+    angular_success: float = 0.5  # the same of the yaw rate
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,29 +31,17 @@ from sprintlab.core.errors import InvalidValueError
 
 
 class CommandStep(NamedTuple):
-    """What a schedule is told about one policy step of ``n`` environments.
+    """What a schedule is told about one policy step of ``n`` environments."""
 
-    Attributes:
-        speed: Present forward speed [m/s] ``(n,)``.
-        dt: Time since the last step [s].
-        lower: Bottom of the speed range [m/s], scalar or 0-d array.
-        upper: Top of the speed range [m/s], scalar or 0-d array.
-        friction: Ground friction coefficient ``(n,)``.
-        reset_mask: Environments just reset ``(n,)``: target and command are redrawn at once.
-        random: Uniform numbers in [0, 1) ``(n, 8)``.
-        weights: Weights of the grid curriculum's bins ``(rows, columns)``; None: no grid.
-        steady: 1 in the fine-tuning phase, 0 before it; scalar or 0-d array.
-    """
-
-    speed: Array
-    dt: float
-    lower: Array | float
-    upper: Array | float
-    friction: Array | float
-    reset_mask: Array
-    random: Array
-    weights: Array | None = None
-    steady: Array | float = 1.0
+    speed: Array  # present forward speed [m/s] (n,)
+    dt: float  # time since the last step [s]
+    lower: Array | float  # bottom of the speed range [m/s], scalar or 0-d array
+    upper: Array | float  # top of the speed range [m/s], scalar or 0-d array
+    friction: Array | float  # ground friction coefficient (n,)
+    reset_mask: Array  # environments just reset (n,): target and command are redrawn at once
+    random: Array  # uniform numbers in [0, 1) (n, 8)
+    weights: Array | None = None  # weights of the grid curriculum's bins (rows, columns); None: no grid
+    steady: Array | float = 1.0  # 1 in the fine-tuning phase, 0 before it; scalar or 0-d array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,13 +191,9 @@ def check_schedule(schedule: object) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetSchedule:
-    """What schedules share: targets that persist. A subclass says how the command follows them.
+    """What schedules share: targets that persist. A subclass says how the command follows them."""
 
-    Attributes:
-        targets: how targets are drawn.
-    """
-
-    targets: TargetSampling = TargetSampling()
+    targets: TargetSampling = TargetSampling()  # how targets are drawn
 
     def advance(self, state: CommandState, step: CommandStep) -> CommandState:
         """The state one policy step later."""
@@ -249,34 +233,25 @@ class AdaptiveSchedule(TargetSchedule):
     random walk; here most updates take the point of the neighbourhood nearest to the target ``v*``:
     ``clip(v*, v - braking_window, v + window)``. The others are uniform within ``window``. Then clipped to
     the range.
-
-    Attributes:
-        window: Half width of the neighbourhood [m/s].
-        braking_window: How far below the present speed a lower target may draw the command [m/s] in the
-            fine-tuning phase, drawn between ``window`` and this at every update. With the paper's 1 m/s no
-            robot is ever asked to stop from more than that, and falls when an evaluation asks it to.
-        hold: Least and greatest time between updates [s].
-        biased_share: Share of the updates that move toward the target.
-        ramp_share: Share of the targets to which the command moves at a constant acceleration instead, ahead
-            of the robot if it cannot follow, as a user's command does.
-        ramp: Least and greatest such acceleration [m/s^2].
-        ramps_when_steady: In the fine-tuning phase all commands move so: a command that waits for the robot
-            opens the range, but pays whoever is slow.
-        keeps_rest: A robot whose target is rest gets no uniform draws. With them it is asked to walk on after
-            a second, and trots on the spot in between.
-
-    Raises:
-        InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
     """
 
-    window: float = PACE_WINDOW
+    window: float = PACE_WINDOW  # half width of the neighbourhood [m/s]
     braking_window: float = BRAKING_WINDOW
-    hold: tuple[float, float] = (0.2, 0.6)
-    biased_share: float = 0.75
+    """How far below the present speed a lower target may draw the command [m/s] in the fine-tuning phase,
+    drawn between ``window`` and this at every update. With the paper's 1 m/s no robot is ever asked to stop
+    from more than that, and falls when an evaluation asks it to."""
+    hold: tuple[float, float] = (0.2, 0.6)  # least and greatest time between updates [s]
+    biased_share: float = 0.75  # share of the updates that move toward the target
     ramp_share: float = 0.0
-    ramp: tuple[float, float] = (2.0, 4.0)
+    """Share of the targets to which the command moves at a constant acceleration instead, ahead of the robot
+    if it cannot follow, as a user's command does."""
+    ramp: tuple[float, float] = (2.0, 4.0)  # least and greatest such acceleration [m/s^2]
     ramps_when_steady: bool = False
+    """In the fine-tuning phase all commands move so: a command that waits for the robot opens the range, but
+    pays whoever is slow."""
     keeps_rest: bool = False
+    """A robot whose target is rest gets no uniform draws. With them it is asked to walk on after a second,
+    and trots on the spot in between."""
 
     def __post_init__(self) -> None:
         for field in ("window", "braking_window"):
@@ -334,16 +309,10 @@ class UniformSchedule(TargetSchedule):
 
 @dataclass(frozen=True, kw_only=True)
 class FixedAccelerationSchedule(TargetSchedule):
-    """The command moves to the target at a constant acceleration drawn with each target.
-
-    Attributes:
-        acceleration: least and greatest acceleration [m/s^2] (the paper's 2 and 4).
-
-    Raises:
-        InvalidValueError: the interval is not ordered or negative.
-    """
+    """The command moves to the target at a constant acceleration drawn with each target."""
 
     acceleration: tuple[float, float] = (2.0, 4.0)
+    """Least and greatest acceleration [m/s^2] (the paper's 2 and 4)."""
 
     def __post_init__(self) -> None:
         check_interval("acceleration", self.acceleration, 0.0, unit="m/s^2")

@@ -11,23 +11,14 @@ GRAVITY = 9.81
 
 
 class CommandState(NamedTuple):
-    """Commands of ``n`` environments and the timers that renew them.
+    """Commands of ``n`` environments and the timers that renew them."""
 
-    Attributes:
-        command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``.
-        target_speed: persistent target ``v*`` [m/s] ``(n,)``.
-        target_yaw_rate: persistent target [rad/s] ``(n,)``.
-        time_to_target: until the targets are redrawn [s] ``(n,)``.
-        time_to_update: until the command is redrawn [s] ``(n,)``.
-        acceleration: Acceleration of the command (``FixedAccelerationSchedule`` only) [m/s^2] ``(n,)``.
-    """
-
-    command: Array
-    target_speed: Array
-    target_yaw_rate: Array
-    time_to_target: Array
-    time_to_update: Array
-    acceleration: Array
+    command: Array  # forward speed, sideways speed [m/s], yaw rate [rad/s] (n, 3)
+    target_speed: Array  # persistent target v* [m/s] (n,)
+    target_yaw_rate: Array  # persistent target [rad/s] (n,)
+    time_to_target: Array  # until the targets are redrawn [s] (n,)
+    time_to_update: Array  # until the command is redrawn [s] (n,)
+    acceleration: Array  # acceleration of the command (FixedAccelerationSchedule only) [m/s^2] (n,)
 
 
 def initial_state(n: int, like: Array) -> CommandState:

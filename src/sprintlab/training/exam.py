@@ -65,30 +65,20 @@ _DROP = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class GroupResult:
-    """What the robots of one speed did.
+    """What the robots of one speed did."""
 
-    Attributes:
-        asked: Speed that was asked for [m/s].
-        held: Mean forward speed of those that did not fall [m/s]; 0 where all fell.
-        fallen: Share of the robots that fell.
-        at_rest: Share of the robots that stood at the end.
-        worst: Median over the robots of each one's worst, by the names of ``LIMITS`` and ``stop_depth``
-            (over the end stop's zone).
-        most: What nine of ten robots keep, by the same names.
-        load: Each foot's share of the ground's force, at the ends of the steady policy steps ``(legs,)``.
-        duty: Share of the steady time that each foot stands ``(legs,)``.
-        cost: Electrical cost of transport [-].
-    """
-
-    asked: float
-    held: float
-    fallen: float
-    at_rest: float
+    asked: float  # speed that was asked for [m/s]
+    held: float  # mean forward speed of those that did not fall [m/s]; 0 where all fell
+    fallen: float  # share of the robots that fell
+    at_rest: float  # share of the robots that stood at the end
     worst: dict[str, float]
-    most: dict[str, float]
+    """Median over the robots of each one's worst, by the names of ``LIMITS`` and ``stop_depth`` (over the end
+    stop's zone)."""
+    most: dict[str, float]  # what nine of ten robots keep, by the same names
     load: tuple[float, ...]
-    duty: tuple[float, ...]
-    cost: float
+    """Each foot's share of the ground's force, at the ends of the steady policy steps ``(legs,)``."""
+    duty: tuple[float, ...]  # share of the steady time that each foot stands (legs,)
+    cost: float  # electrical cost of transport [-]
 
     @property
     def failed(self) -> list[str]:
@@ -127,18 +117,14 @@ class GroupResult:
 
 @dataclass(frozen=True, kw_only=True)
 class ExamResult:
-    """An exam.
+    """An exam."""
 
-    Attributes:
-        groups: Results of the groups by their names.
-        parts: mean part by which each constraint is broken, by phase and name (see ``constraints``).
-        path: generalized positions of one of the fastest robots ``(steps, nq)``, from two seconds before it
-            is asked to brake to one after.
-    """
-
-    groups: Mapping[str, GroupResult]
+    groups: Mapping[str, GroupResult]  # results of the groups by their names
     parts: Mapping[str, float]
+    """Mean part by which each constraint is broken, by phase and name (see ``constraints``)."""
     path: FloatArray
+    """Generalized positions of one of the fastest robots ``(steps, nq)``, from two seconds before it is asked
+    to brake to one after."""
 
     @property
     def best(self) -> GroupResult | None:
@@ -158,10 +144,7 @@ class Exam(SprintEnvironment):
     """The exam's robots, their clock and their measurements, on the device of the training.
 
     Args:
-        settings: Settings of the training.
-        device: Device of the training.
         actor: the policy to examine, in single precision; later changes of its weights are seen.
-        fused: a step is one graph (GPU only).
     """
 
     def __init__(self, settings: TrainingSettings, device: str, actor: Actor, fused: bool = True) -> None:

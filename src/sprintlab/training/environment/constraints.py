@@ -47,23 +47,14 @@ _STRICT = ("hold/foot", "hold/gear")
 
 
 class Monitors(NamedTuple):
-    """What the audit measures, the worst inside of the policy step.
+    """What the audit measures, the worst inside of the policy step."""
 
-    Attributes:
-        foot_force: mean of 5 ms [body weights] ``(n, legs)``.
-        pad_deflection: that the same force gives a nominal pad [m] ``(n, legs)``.
-        gear_torque: mean of 1 ms [peak torques] ``(n, joints)``.
-        leg_distance: between the surfaces of two legs [m] ``(n, pairs)``.
-        joint_speed: over the no-load speed ``(n, joints)``.
-        stop_depth: in an end stop, over its zone ``(n, joints)``.
-    """
-
-    foot_force: torch.Tensor
-    pad_deflection: torch.Tensor
-    gear_torque: torch.Tensor
-    leg_distance: torch.Tensor
-    joint_speed: torch.Tensor
-    stop_depth: torch.Tensor
+    foot_force: torch.Tensor  # mean of 5 ms [body weights] (n, legs)
+    pad_deflection: torch.Tensor  # that the same force gives a nominal pad [m] (n, legs)
+    gear_torque: torch.Tensor  # mean of 1 ms [peak torques] (n, joints)
+    leg_distance: torch.Tensor  # between the surfaces of two legs [m] (n, pairs)
+    joint_speed: torch.Tensor  # over the no-load speed (n, joints)
+    stop_depth: torch.Tensor  # in an end stop, over its zone (n, joints)
 
 
 def nominal_deflection(deflection: torch.Tensor, stiffness: torch.Tensor) -> torch.Tensor:
@@ -130,11 +121,7 @@ def ended_share(parts: torch.Tensor, chances: torch.Tensor) -> torch.Tensor:
 
 
 class Chances:
-    """The chance of each constraint in each phase, moved once an iteration; plain numbers on the host.
-
-    Args:
-        settings: aims and caps.
-    """
+    """The chance of each constraint in each phase, moved once an iteration; plain numbers on the host."""
 
     def __init__(self, settings: ConstraintSettings) -> None:
         constraints: list[Constraint] = [getattr(settings, name) for name in CONSTRAINTS]

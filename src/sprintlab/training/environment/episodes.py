@@ -20,17 +20,11 @@ _DONOR_STEPS = 50
 
 
 class Ends(NamedTuple):
-    """Why episodes ended in this step, ``(n,)`` each.
+    """Why episodes ended in this step, ``(n,)`` each."""
 
-    Attributes:
-        failed: fallen, legs through each other, or broken.
-        broken: numbers that no robot has.
-        timed_out: at its full length.
-    """
-
-    failed: torch.Tensor
-    broken: torch.Tensor
-    timed_out: torch.Tensor
+    failed: torch.Tensor  # fallen, legs through each other, or broken
+    broken: torch.Tensor  # numbers that no robot has
+    timed_out: torch.Tensor  # at its full length
 
     @property
     def any(self) -> torch.Tensor:
@@ -49,7 +43,6 @@ def find_ends(
     """Which robots' episodes are over.
 
     Args:
-        body: state after the step.
         qvel: all generalized velocities ``(n, nv)``.
         length: policy steps done ``(n,)``.
         limit: policy steps allowed ``(n,)``.
@@ -66,17 +59,11 @@ def find_ends(
 
 
 class Starts(NamedTuple):
-    """How the robots in a mask start again.
+    """How the robots in a mask start again."""
 
-    Attributes:
-        donors: whose state each would copy ``(n,)``.
-        copied: which of the mask copy a running robot ``(n,)``.
-        restarted: which of the mask start from standing ``(n,)``.
-    """
-
-    donors: torch.Tensor
-    copied: torch.Tensor
-    restarted: torch.Tensor
+    donors: torch.Tensor  # whose state each would copy (n,)
+    copied: torch.Tensor  # which of the mask copy a running robot (n,)
+    restarted: torch.Tensor  # which of the mask start from standing (n,)
 
 
 def choose_starts(
@@ -110,8 +97,6 @@ def standing_starts(
         joints: addresses of the joints in it ``(joints,)``.
         velocities: generalized velocities a robot.
         top_speed: top speed of the commanded range [m/s] ``()``.
-        draws: random numbers.
-        settings: share of fast starts.
     """
     restart, n = draws["restart"], draws["restart"].shape[0]
     yaw = (2 * restart[:, 0] - 1) * math.pi

@@ -13,10 +13,6 @@ from sprintlab.training.terms import RandomizationTerm
 class Fleet:
     """Robots that differ, from PyTorch's global generator.
 
-    Args:
-        engine: engine of the robots; its parameters are written.
-        terms: what is drawn.
-
     Attributes:
         engine: engine of the robots.
         slope: angle by which the ground rises along x [rad] ``(n,)``.

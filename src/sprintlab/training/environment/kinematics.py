@@ -15,40 +15,24 @@ CONTACT_MARGIN = 0.004
 
 
 class BodyState(NamedTuple):
-    """State of ``n`` robots.
-
-    Attributes:
-        gravity: unit vector along the true vertical, body frame ``(n, 3)``; the other fields are measured
-            along the ground, which may slope.
-        angular_velocity: body frame [rad/s] ``(n, 3)``.
-        velocity: velocity of the trunk in the heading frame (forward, left, up) [m/s] ``(n, 3)``.
-        height: height of the trunk's middle [m] ``(n,)``.
-        trunk_clearance: height of the trunk's lowest corner over the ground [m] ``(n,)``.
-        joint_position: [rad] ``(n, joints)``.
-        joint_velocity: [rad/s] ``(n, joints)``.
-        abduction: angles of the abduction joints [rad] ``(n, legs)``.
-        foot_height: height of the feet's centres [m] ``(n, legs)``.
-        foot_speed: horizontal speed of the feet [m/s] ``(n, legs)``.
-        foot_descent: downward speed of the feet, zero while they rise [m/s] ``(n, legs)``.
-        contact: 1 where a foot touches ``(n, legs)``.
-        knee_height: height of the knee axes [m] ``(n, legs)``.
-        leg_distance: least distance between the surfaces of two legs in the step [m] ``(n, pairs)``.
-    """
+    """State of ``n`` robots."""
 
     gravity: torch.Tensor
-    angular_velocity: torch.Tensor
-    velocity: torch.Tensor
-    height: torch.Tensor
-    trunk_clearance: torch.Tensor
-    joint_position: torch.Tensor
-    joint_velocity: torch.Tensor
-    abduction: torch.Tensor
-    foot_height: torch.Tensor
-    foot_speed: torch.Tensor
-    foot_descent: torch.Tensor
-    contact: torch.Tensor
-    knee_height: torch.Tensor
-    leg_distance: torch.Tensor
+    """Unit vector along the true vertical, body frame ``(n, 3)``; the other fields are measured along the
+    ground, which may slope."""
+    angular_velocity: torch.Tensor  # body frame [rad/s] (n, 3)
+    velocity: torch.Tensor  # velocity of the trunk in the heading frame (forward, left, up) [m/s] (n, 3)
+    height: torch.Tensor  # height of the trunk's middle [m] (n,)
+    trunk_clearance: torch.Tensor  # height of the trunk's lowest corner over the ground [m] (n,)
+    joint_position: torch.Tensor  # [rad] (n, joints)
+    joint_velocity: torch.Tensor  # [rad/s] (n, joints)
+    abduction: torch.Tensor  # angles of the abduction joints [rad] (n, legs)
+    foot_height: torch.Tensor  # height of the feet's centres [m] (n, legs)
+    foot_speed: torch.Tensor  # horizontal speed of the feet [m/s] (n, legs)
+    foot_descent: torch.Tensor  # downward speed of the feet, zero while they rise [m/s] (n, legs)
+    contact: torch.Tensor  # 1 where a foot touches (n, legs)
+    knee_height: torch.Tensor  # height of the knee axes [m] (n, legs)
+    leg_distance: torch.Tensor  # least distance between the surfaces of two legs in the step [m] (n, pairs)
 
 
 def heading_velocity(quaternion: torch.Tensor, velocity: torch.Tensor) -> torch.Tensor:

@@ -15,25 +15,15 @@ PENALTY_SCALE = 0.5
 
 
 class EarnedReward(NamedTuple):
-    """What one step earns, per second.
+    """What one step earns, per second."""
 
-    Attributes:
-        paid: sum of the rewards ``(n,)``.
-        penalties: sum of the penalties, not positive ``(n,)``.
-        parts: contribution of each term ``(n, terms)``.
-    """
-
-    paid: torch.Tensor
-    penalties: torch.Tensor
-    parts: torch.Tensor
+    paid: torch.Tensor  # sum of the rewards (n,)
+    penalties: torch.Tensor  # sum of the penalties, not positive (n,)
+    parts: torch.Tensor  # contribution of each term (n, terms)
 
 
 class RewardTerms:
     """The terms of a run on a device.
-
-    Args:
-        terms: by name.
-        device: device of the robots.
 
     Attributes:
         weights: weights of the present stage ``(terms,)``.

@@ -28,59 +28,34 @@ KNEE_CONTACT_HEIGHT = 0.10
 
 
 class Loads(NamedTuple):
-    """What happened inside of the policy step.
+    """What happened inside of the policy step."""
 
-    Attributes:
-        power: drawn from the bus, mean of each millisecond's, which is never negative [W] ``(n,)``.
-        stance: share of the step that a foot stood ``(n, legs)``.
-        hasty_touchdowns: cost of touchdowns sooner than a stride after the last ``(n, legs)``.
-        short_stances: cost of stances that were too short ``(n, legs)``.
-    """
-
-    power: torch.Tensor
-    stance: torch.Tensor
-    hasty_touchdowns: torch.Tensor
-    short_stances: torch.Tensor
+    power: torch.Tensor  # drawn from the bus, mean of each millisecond's, which is never negative [W] (n,)
+    stance: torch.Tensor  # share of the step that a foot stood (n, legs)
+    hasty_touchdowns: torch.Tensor  # cost of touchdowns sooner than a stride after the last (n, legs)
+    short_stances: torch.Tensor  # cost of stances that were too short (n, legs)
 
 
 class RewardInput(NamedTuple):
-    """Everything a term may look at, for ``n`` environments.
+    """Everything a term may look at, for ``n`` environments."""
 
-    Attributes:
-        body: state after the step.
-        command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
-        target_speed: where the commanded forward speed is on its way to [m/s] ``(n,)``.
-        action: action of this step ``(n, joints)``.
-        previous_action: action of the step before ``(n, joints)``.
-        earlier_action: action of two steps before ``(n, joints)``.
-        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, joints)``.
-        torque: delivered by the motors [N m] ``(n, joints)``.
-        limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
-        base_height_target: [m].
-        loads: what happened inside of this policy step.
-        running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
-        running_yaw_rate: averaged alike [rad/s] ``(n,)``.
-        running_side_speed: to the left, averaged alike [m/s] ``(n,)``.
-        weight: weight of the robot [N] ``(n,)``.
-        no_load_speed: no-load speed of each joint on the robot's own bus [rad/s] ``(joints,)``.
-    """
-
-    body: BodyState
-    command: torch.Tensor
-    target_speed: torch.Tensor
-    action: torch.Tensor
-    previous_action: torch.Tensor
-    earlier_action: torch.Tensor
-    joint_acceleration: torch.Tensor
-    torque: torch.Tensor
-    limit_excess: torch.Tensor
-    base_height_target: float
-    loads: Loads
-    running_speed: torch.Tensor
-    running_yaw_rate: torch.Tensor
-    running_side_speed: torch.Tensor
-    weight: torch.Tensor | float
+    body: BodyState  # state after the step
+    command: torch.Tensor  # forward, sideways speed [m/s], yaw rate [rad/s] (n, 3), in force during the step
+    target_speed: torch.Tensor  # where the commanded forward speed is on its way to [m/s] (n,)
+    action: torch.Tensor  # action of this step (n, joints)
+    previous_action: torch.Tensor  # action of the step before (n, joints)
+    earlier_action: torch.Tensor  # action of two steps before (n, joints)
+    joint_acceleration: torch.Tensor  # finite difference over the policy step [rad/s^2] (n, joints)
+    torque: torch.Tensor  # delivered by the motors [N m] (n, joints)
+    limit_excess: torch.Tensor  # beyond the beginning of the end stops [rad] (n, joints)
+    base_height_target: float  # [m]
+    loads: Loads  # what happened inside of this policy step
+    running_speed: torch.Tensor  # forward speed, averaged over about a stride [m/s] (n,)
+    running_yaw_rate: torch.Tensor  # averaged alike [rad/s] (n,)
+    running_side_speed: torch.Tensor  # to the left, averaged alike [m/s] (n,)
+    weight: torch.Tensor | float  # weight of the robot [N] (n,)
     no_load_speed: torch.Tensor | float = math.inf
+    """No-load speed of each joint on the robot's own bus [rad/s] ``(joints,)``."""
 
 
 # --- what is rewarded ------------------------------------------------------------------------------------

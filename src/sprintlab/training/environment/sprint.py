@@ -119,8 +119,6 @@ class SprintEnvironment:
     actor with an estimator keeps here, since it must follow the resets.
 
     Args:
-        settings: the whole configuration.
-        device: ``"cuda:0"`` or ``"cpu"``.
         fused: graphs and compiled kernels (GPU only).
         rank: rank of the process among those that train together; each has its own random numbers.
     """
@@ -235,11 +233,7 @@ class SprintEnvironment:
         return named | {f"engine.{name}": getattr(self.engine, name) for name in engine}
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
-        """Copy a saved ``state`` into the tensors that the graphs know.
-
-        Raises:
-            KeyError: a tensor is missing.
-        """
+        """Copy a saved ``state`` into the tensors that the graphs know."""
         for name, tensor in self.state().items():
             tensor.copy_(state[name])
 

@@ -55,7 +55,6 @@ class EstimatorPpo:
     """Actor, critic and estimator with their rollout and optimizers, bound to an environment's buffers.
 
     Args:
-        environment: whose observations are read and whose actions are written.
         fused: whether kernels are compiled (GPU only); the reference path is the same code, plain.
         workers: further processes with which gradients and statistics are shared.
     """

@@ -13,17 +13,11 @@ from torch import distributed
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """The processes of one training run; alone by default.
+    """The processes of one training run; alone by default."""
 
-    Attributes:
-        count: processes.
-        rank: rank of this process.
-        local_rank: rank of this process on its machine: which GPU it takes.
-    """
-
-    count: int = 1
-    rank: int = 0
-    local_rank: int = 0
+    count: int = 1  # processes
+    rank: int = 0  # rank of this process
+    local_rank: int = 0  # rank of this process on its machine: which GPU it takes
 
     @property
     def several(self) -> bool:

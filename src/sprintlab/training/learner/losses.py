@@ -94,30 +94,19 @@ def generalized_advantages(
 
 
 class PolicyBatch(NamedTuple):
-    """Transitions of a mini-batch of ``m`` samples.
+    """Transitions of a mini-batch of ``m`` samples."""
 
-    Attributes:
-        noise_scale: share of the action noise that the robot had ``(m,)``.
-        actor_input: what the policy network saw ``(m, 70)``: stored, so that the likelihood ratio compares
-            policies on the same input, and no gradient reaches the estimator.
-        privileged: what the critic saw ``(m, 54)``.
-        action: taken ``(m, k)``.
-        mean: mean of the action's distribution then ``(m, k)``.
-        log_probability: log-probability of the action then ``(m,)``.
-        value: estimated then ``(m,)``.
-        advantage: normalized ``(m,)``.
-        returns: ``(m,)``.
-    """
-
-    noise_scale: torch.Tensor
+    noise_scale: torch.Tensor  # share of the action noise that the robot had (m,)
     actor_input: torch.Tensor
-    privileged: torch.Tensor
-    action: torch.Tensor
-    mean: torch.Tensor
-    log_probability: torch.Tensor
-    value: torch.Tensor
-    advantage: torch.Tensor
-    returns: torch.Tensor
+    """What the policy network saw ``(m, 70)``: stored, so that the likelihood ratio compares policies on the
+    same input, and no gradient reaches the estimator."""
+    privileged: torch.Tensor  # what the critic saw (m, 54)
+    action: torch.Tensor  # taken (m, k)
+    mean: torch.Tensor  # mean of the action's distribution then (m, k)
+    log_probability: torch.Tensor  # log-probability of the action then (m,)
+    value: torch.Tensor  # estimated then (m,)
+    advantage: torch.Tensor  # normalized (m,)
+    returns: torch.Tensor  # (m,)
 
 
 def precision_of(settings: PpoSettings) -> torch.dtype:
@@ -127,19 +116,12 @@ def precision_of(settings: PpoSettings) -> torch.dtype:
 
 
 class PolicyLosses(NamedTuple):
-    """PPO's losses, and the gradient of ``surrogate + value loss - weight * entropy``.
+    """PPO's losses, and the gradient of ``surrogate + value loss - weight * entropy``."""
 
-    Attributes:
-        parts: surrogate, value loss, entropy, divergence ``(4,)``.
-        mean: gradient by the mean actions ``(m, k)``.
-        std: gradient by the policy's deviations ``(k,)``.
-        value: gradient by the values ``(m,)``.
-    """
-
-    parts: torch.Tensor
-    mean: torch.Tensor
-    std: torch.Tensor
-    value: torch.Tensor
+    parts: torch.Tensor  # surrogate, value loss, entropy, divergence (4,)
+    mean: torch.Tensor  # gradient by the mean actions (m, k)
+    std: torch.Tensor  # gradient by the policy's deviations (k,)
+    value: torch.Tensor  # gradient by the values (m,)
 
 
 def policy_losses(
@@ -211,21 +193,13 @@ def adapted_learning_rate(
 
 
 class EstimatorBatch(NamedTuple):
-    """What the estimator learns from, ``m`` samples.
+    """What the estimator learns from, ``m`` samples."""
 
-    Attributes:
-        history: ``(m, H * 45)``.
-        privileged: body velocity 3, height 1, contacts 4 at the end of the history ``(m, 8)``.
-        next_frame: the frame one step later ``(m, 45)``.
-        valid: 1 where that frame belongs to the same episode ``(m,)``.
-        noise: standard normal ``(m, z)``.
-    """
-
-    history: torch.Tensor
-    privileged: torch.Tensor
-    next_frame: torch.Tensor
-    valid: torch.Tensor
-    noise: torch.Tensor
+    history: torch.Tensor  # (m, H * 45)
+    privileged: torch.Tensor  # body velocity 3, height 1, contacts 4 at the end of the history (m, 8)
+    next_frame: torch.Tensor  # the frame one step later (m, 45)
+    valid: torch.Tensor  # 1 where that frame belongs to the same episode (m,)
+    noise: torch.Tensor  # standard normal (m, z)
 
 
 def estimator_gradients(actor: Actor, batch: EstimatorBatch) -> tuple[list[torch.Tensor], torch.Tensor]:

@@ -11,15 +11,10 @@ from sprintlab.training.learner.distributed import Workers
 
 
 class MetricBuffer(NamedTuple):
-    """Named numbers on a device.
+    """Named numbers on a device."""
 
-    Attributes:
-        names: one a number.
-        values: ``(len(names),)``.
-    """
-
-    names: Sequence[str]
-    values: torch.Tensor
+    names: Sequence[str]  # one a number
+    values: torch.Tensor  # (len(names),)
 
     def read(self) -> dict[str, float]:
         """The numbers; waits for the device."""

@@ -25,15 +25,10 @@ at once."""
 
 
 class Mirror(NamedTuple):
-    """A signed permutation ``(size,)`` that is its own inverse.
+    """A signed permutation ``(size,)`` that is its own inverse."""
 
-    Attributes:
-        index: where each number of the mirror image comes from.
-        sign: its factor, +1 or -1.
-    """
-
-    index: tuple[int, ...]
-    sign: tuple[float, ...]
+    index: tuple[int, ...]  # where each number of the mirror image comes from
+    sign: tuple[float, ...]  # its factor, +1 or -1
 
     @property
     def size(self) -> int:

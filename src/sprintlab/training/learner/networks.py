@@ -106,17 +106,11 @@ class Normalizer(nn.Module):
 
 
 class Encoding(NamedTuple):
-    """What the encoder says of a history ``(n, ...)``.
+    """What the encoder says of a history ``(n, ...)``."""
 
-    Attributes:
-        raw: the estimate in training units: scaled velocity and height, contact logits ``(n, 8)``.
-        mean: mean of the latent ``(n, z)``.
-        log_variance: log variance of the latent, before it is limited ``(n, z)``.
-    """
-
-    raw: torch.Tensor
-    mean: torch.Tensor
-    log_variance: torch.Tensor
+    raw: torch.Tensor  # the estimate in training units: scaled velocity and height, contact logits (n, 8)
+    mean: torch.Tensor  # mean of the latent (n, z)
+    log_variance: torch.Tensor  # log variance of the latent, before it is limited (n, z)
 
 
 class Estimator(nn.Module):

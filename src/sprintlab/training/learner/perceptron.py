@@ -72,9 +72,6 @@ class Perceptron(nn.Module):
         inward: coordinates of the input.
         widths: widths of the hidden layers.
         outward: coordinates of the output, with as many halves.
-
-    Raises:
-        InvalidValueError: an odd width of a symmetric network.
     """
 
     def __init__(self, inward: Basis, widths: Sequence[int], outward: Basis) -> None:

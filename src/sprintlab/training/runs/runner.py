@@ -52,19 +52,12 @@ AVERAGED_OVER = 250
 
 @dataclass(frozen=True, kw_only=True)
 class BestExam:
-    """The policy that did best in an exam.
+    """The policy that did best in an exam."""
 
-    Attributes:
-        iteration: Iteration at which it was examined.
-        held: Speed within the audit's limits, as far as it was asked for [m/s].
-        cost: Cost of transport there [-].
-        policy: Its weights by name.
-    """
-
-    iteration: int
-    held: float
-    cost: float
-    policy: dict[str, torch.Tensor]
+    iteration: int  # iteration at which it was examined
+    held: float  # speed within the audit's limits, as far as it was asked for [m/s]
+    cost: float  # cost of transport there [-]
+    policy: dict[str, torch.Tensor]  # its weights by name
 
     def beaten_by(self, held: float, cost: float) -> bool:
         """Whether another policy is faster, or as fast and cheaper."""
