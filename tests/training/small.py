@@ -8,8 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import cuda, multiprocessing, set_num_threads
 
+from sprintlab.training.environment.sprint import ENGINE_STATE, SprintEnvironment
+from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 
@@ -59,3 +62,35 @@ def _joined(rank: int, work: Callable[[int, Path], None], folder: Path, gpus: bo
     if not gpus:
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
     work(rank, folder)
+
+
+def tensors(environment: SprintEnvironment) -> dict[str, torch.Tensor]:
+    """Everything that a step reads and changes, by name: the tensors themselves."""
+    own = (
+        "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
+        "running_yaw_rate", "running_side_speed", "course", "filtered", "estimate", "held", "history",
+        "grid_weights", "tracked",
+        "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
+        "time_out", "done", "ended_share", "chances", "record", "handedness",
+        "actor_observation", "critic_observation", "slope", "mean_delay",
+    )  # fmt: skip
+    named = {name: getattr(environment, name) for name in own}
+    named |= {f"commands.{name}": value for name, value in environment.commands._asdict().items()}
+    engine = (
+        "qpos", "qvel", "target", "previous_target", "delay", "stiffness", "damping", "strength",
+        "parameters", "torque",
+        "leg_distance", "foot_position", "foot_velocity", "knee_position", *ENGINE_STATE,
+    )  # fmt: skip
+    return named | {f"engine.{name}": getattr(environment.engine, name) for name in engine}
+
+
+def copy_tensors(state: dict[str, torch.Tensor], environment: SprintEnvironment) -> None:
+    """Copy saved ``tensors`` into those that the graphs know."""
+    for name, tensor in tensors(environment).items():
+        tensor.copy_(state[name])
+
+
+def networks(learner: EstimatorPpo) -> dict[str, torch.Tensor]:
+    """Parameters and buffers of both networks, by name."""
+    both = {"actor": learner.actor, "critic": learner.critic}
+    return {f"{key}.{name}": each for key, part in both.items() for name, each in part.state_dict().items()}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 import torch
+from tests.training.small import networks
 
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment
@@ -209,17 +210,17 @@ def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorP
 
 def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:
     fill_rollout(learner)
-    before = {name: value.clone() for name, value in learner._networks().items()}
+    before = {name: value.clone() for name, value in networks(learner).items()}
     learner.take_log()
     learner.rollout.reward[1, 2] = float("nan")
     learner.update()
-    for name, value in learner._networks().items():
+    for name, value in networks(learner).items():
         assert torch.equal(value, before[name]), name
     assert learner.take_log().read()["rolled_back"] == 1.0
     learner.rollout.reward[1, 2] = 0.0
     learner.update()
     assert learner.take_log().read()["rolled_back"] == 1.0
-    assert any(not torch.equal(value, before[name]) for name, value in learner._networks().items())
+    assert any(not torch.equal(value, before[name]) for name, value in networks(learner).items())
 
 
 def test_a_block_does_to_its_parameters_what_adam_and_the_norm_s_limit_do_to_each() -> None:

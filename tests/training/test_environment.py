@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from tests.training.small import copy_tensors, tensors
 
 from sprintlab.commands import heading_angle
 from sprintlab.control.standing import StandingContract, StandingHold
@@ -134,15 +135,15 @@ def test_a_held_target_opens_the_grid_around_it(environment: SprintEnvironment) 
 
 
 def test_state_is_all_that_a_step_needs(environment: SprintEnvironment) -> None:
-    saved = {name: value.clone() for name, value in environment.state().items()}
+    saved = {name: value.clone() for name, value in tensors(environment).items()}
     action = 0.1 * torch.randn(N, 12)
     runs = []
     for _ in range(2):
-        environment.load_state(saved)
+        copy_tensors(saved, environment)
         torch.manual_seed(12)
         for _ in range(3):
             environment.step(action)
-        runs.append({name: value.clone() for name, value in environment.state().items()})
+        runs.append({name: value.clone() for name, value in tensors(environment).items()})
     for name, value in runs[0].items():
         assert torch.equal(value, runs[1][name]), name
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.training.small import small_settings
+from tests.training.small import networks, small_settings
 
 from sprintlab.evaluation.audit import CHECKS, TOLERANCE
 from sprintlab.evaluation.results import REST_SPEED
@@ -103,9 +103,9 @@ def test_one_seed_gives_one_network_with_exams_or_without() -> None:
         return runner, [{k: v for k, v in row.items() if k.startswith("exam/")} for row in rows]
 
     (first, exams), (second, others), (without, nothing) = map(trained, (SETTINGS.exam, SETTINGS.exam, None))
-    for name, value in first.learner._networks().items():
-        assert torch.equal(value, second.learner._networks()[name]), name
-        assert torch.equal(value, without.learner._networks()[name]), name
+    for name, value in networks(first.learner).items():
+        assert torch.equal(value, networks(second.learner)[name]), name
+        assert torch.equal(value, networks(without.learner)[name]), name
     assert [bool(row) for row in exams] == [False, True, False, True] and not any(nothing)
     for row, other in zip(exams, others, strict=True):
         assert {**row, "exam/seconds": 0.0} == {**other, "exam/seconds": 0.0}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from tests.training.small import small_settings
+from tests.training.small import copy_tensors, small_settings, tensors
 
 from sprintlab.training.runs.runner import Runner
 
@@ -24,7 +24,7 @@ def test_every_step_is_the_plain_step(pair: tuple[Runner, Runner]) -> None:
     fused, plain = (runner.environment for runner in pair)
     ended = 0
     for _ in range(60):
-        plain.load_state(fused.state())
+        copy_tensors(tensors(fused), plain)
         action = torch.randn(fused.num_envs, fused.num_actions, device="cuda")
         for environment in (fused, plain):
             environment.write_action(action)
@@ -33,8 +33,8 @@ def test_every_step_is_the_plain_step(pair: tuple[Runner, Runner]) -> None:
         plain.draws.block.copy_(fused.draws.block)
         plain._transition()
         ended += int(fused.done.sum())
-        for name, value in fused.state().items():
-            expected = plain.state()[name]
+        for name, value in tensors(fused).items():
+            expected = tensors(plain)[name]
             worst = float((value.double() - expected.double()).abs().max())
             torch.testing.assert_close(
                 value, expected, rtol=1e-4, atol=1e-4, msg=f"{name} differs by up to {worst}"
@@ -52,7 +52,7 @@ def test_an_update_is_the_plain_update(pair: tuple[Runner, Runner]) -> None:
     for name, tensor in vars(fused.rollout).items():
         if isinstance(tensor, torch.Tensor):
             getattr(plain.rollout, name).copy_(tensor)
-    plain.environment.load_state(fused.environment.state())
+    copy_tensors(tensors(fused.environment), plain.environment)
     fused.update()
     plain.update()
     for one, other in ((fused.actor.policy, plain.actor.policy), (fused.critic, plain.critic)):

@@ -14,12 +14,7 @@ from tests.training.small import small_settings
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
-from sprintlab.training.learner.annealing import (
-    divergence_aim,
-    estimator_rate,
-    std_ceiling,
-    std_floor,
-)
+from sprintlab.training.learner.annealing import annealed
 from sprintlab.training.runs.checkpoint import Progress, read_checkpoint
 from sprintlab.training.runs.export import actor_from_checkpoint, export_checkpoint
 from sprintlab.training.runs.options import RunLength
@@ -155,10 +150,11 @@ def test_a_run_writes_file_and_policy(tmp_path: Path) -> None:
 
 def test_noise_divergence_and_the_estimators_rate_sink_between_their_shares_of_the_run() -> None:
     shares = (0.0, 0.5, 0.71, 0.92, 1.0)
-    assert [std_floor(share) for share in shares] == pytest.approx([0.25, 0.25, 0.185, 0.12, 0.12])
-    assert [std_ceiling(share) for share in shares] == pytest.approx([math.inf, math.inf, 0.27, 0.12, 0.12])
-    assert [divergence_aim(share) for share in (0.0, 1.0)] == pytest.approx([0.01, 0.002])
-    assert [estimator_rate(share) for share in (0.0, 0.71, 1.0)] == pytest.approx([1e-3, 10**-3.5, 1e-4])
+    least, most, divergence, rate = zip(*map(annealed, shares), strict=True)
+    assert least == pytest.approx([0.25, 0.25, 0.185, 0.12, 0.12])
+    assert most == pytest.approx([math.inf, math.inf, 0.27, 0.12, 0.12])
+    assert divergence[0] == pytest.approx(0.01) and divergence[-1] == pytest.approx(0.002)
+    assert rate[::2] == pytest.approx([1e-3, 10**-3.5, 1e-4])
     runner = Runner(SETTINGS, "cpu", "test")
     for share, floor in ((0.0, 0.25), (1.0, 0.12)):
         assert runner.share == share

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.training.small import on_two, small_settings
+from tests.training.small import networks, on_two, small_settings, tensors
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.distributed import Workers
@@ -29,8 +29,8 @@ def train_as_one_of_two(rank: int, folder: Path) -> None:
         train(TrainOptions(output=folder / "run", settings=small_settings(), **options))
     runner = runners[-1]
     log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
-    own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
-    own |= {"growth": vars(runner.growth), "robots": runner.environment.state()}
+    own = {"networks": networks(runner.learner), "moments": runner.learner._moments(), "log": log}
+    own |= {"growth": vars(runner.growth), "robots": tensors(runner.environment)}
     torch.save(own, folder / f"{rank}.pt")
 
 

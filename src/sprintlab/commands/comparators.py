@@ -46,7 +46,7 @@ class CurriculumSchedule(TargetSchedule):
 
 @dataclass(frozen=True, kw_only=True)
 class RampedSchedule(TargetSchedule):
-    """Uniform targets over the growing range, which the command reaches along a ramp of fixed length (Hound)."""
+    """Uniform targets over the growing range, reached along a ramp of fixed length (Hound)."""
 
     targets: TargetSampling = _UNIFORM
     ramp: float = 1.0  # time from one target to the next [s]

@@ -153,17 +153,13 @@ class Exam(SprintEnvironment):
         gpus = [torch.device(device)] if device.startswith("cuda") else []
         with torch.random.fork_rng(gpus):
             super().__init__(own, device, fused=False)
-            self._offset = self._joint_noise()
+            # Errors of the first pose (n, joints): every group has the same, and so has every exam.
+            noise = (2 * torch.rand(ROBOTS, self.num_actions) - 1) * NOMINAL_TRIAL.joint_noise
+            self._offset = noise.repeat(len(GROUPS), 1).to(self.device)
         self.actor, self._constraints = actor, settings.constraints or ConstraintSettings()
         self.engine.friction.fill_(NOMINAL_TRIAL.friction)
         self._allocate_measurements()
         self._policy_step = captured(self._examine, device) if fused else self._examine
-
-    def _joint_noise(self) -> torch.Tensor:
-        """Errors of the first pose ``(n, joints)``: every group has the same, and so has every exam."""
-        shape = (ROBOTS, self.num_actions)
-        noise = (2 * torch.rand(shape) - 1) * NOMINAL_TRIAL.joint_noise
-        return noise.repeat(len(GROUPS), 1).to(self.device)
 
     def _allocate_measurements(self) -> None:
         def zeros(*shape: int) -> torch.Tensor:
@@ -292,12 +288,6 @@ class Exam(SprintEnvironment):
         self.part_sums.add_(phases.T @ broken_parts(monitors, self._constraints))
         self.phase_sums.add_(phases.sum(0))
 
-    @staticmethod
-    def _filmed(asked: float, steps: int) -> slice:
-        """The policy steps around the moment at which robots are asked to brake."""
-        braking = round((STAND + HOLD + asked / ACCELERATION) / POLICY_STEP)
-        return slice(max(0, braking - 100), min(steps, braking + 50))
-
     def _result(self, steps: int) -> ExamResult:
         """Everything measured, read back."""
         measured = (self.asked, self.upright, self.fastest_rest, self.worst, self.steady_sums)
@@ -308,7 +298,8 @@ class Exam(SprintEnvironment):
             for k, name in enumerate(GROUPS)
         }
         means = self.part_sums.double() / self.phase_sums.double().clamp(min=1.0)[:, None]
-        filmed = self._filmed(groups["top"].asked, steps)
+        braking = round((STAND + HOLD + groups["top"].asked / ACCELERATION) / POLICY_STEP)
+        filmed = slice(max(0, braking - 100), min(steps, braking + 50))
         return ExamResult(
             groups=groups,
             parts=dict(zip(WATCHED, means.flatten().tolist(), strict=True)),

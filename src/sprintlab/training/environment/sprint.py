@@ -213,30 +213,6 @@ class SprintEnvironment:
         self._log_sums = zeros(len(_LOGGED) + len(self.weights))
         self._logged_steps = 0
 
-    def state(self) -> dict[str, torch.Tensor]:
-        """Everything that a step reads and changes, by name: the tensors themselves."""
-        own = (
-            "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
-            "running_yaw_rate", "running_side_speed", "course", "filtered", "estimate", "held", "history",
-            "grid_weights", "tracked",
-            "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
-            "time_out", "done", "ended_share", "chances", "record", "handedness",
-            "actor_observation", "critic_observation", "slope", "mean_delay",
-        )  # fmt: skip
-        named = {name: getattr(self, name) for name in own}
-        named |= {f"commands.{name}": value for name, value in self.commands._asdict().items()}
-        engine = (
-            "qpos", "qvel", "target", "previous_target", "delay", "stiffness", "damping", "strength",
-            "parameters", "torque",
-            "leg_distance", "foot_position", "foot_velocity", "knee_position", *ENGINE_STATE,
-        )  # fmt: skip
-        return named | {f"engine.{name}": getattr(self.engine, name) for name in engine}
-
-    def load_state(self, state: dict[str, torch.Tensor]) -> None:
-        """Copy a saved ``state`` into the tensors that the graphs know."""
-        for name, tensor in self.state().items():
-            tensor.copy_(state[name])
-
     # --- curriculum --------------------------------------------------------------------------------------
 
     def set_curriculum(self, upper: float, lower: float, stage: float, steady: bool = False) -> None:
@@ -628,21 +604,20 @@ class SprintEnvironment:
         length = torch.where(ends.any, self.episode_length_buf, 0)
         self._ended_episodes.add_(torch.stack((ends.any.sum(), length.sum())))
 
-    def take_episode_length(self) -> MetricBuffer:
-        """Mean length [s] of the episodes that have ended since the last call; 0 where none has."""
-        ended, steps = self._ended_episodes.unbind()
-        values = (POLICY_STEP * steps / ended.clamp(min=1.0))[None]
-        self._ended_episodes.zero_()
-        return MetricBuffer(("episode_length",), values)
-
     def take_log(self) -> MetricBuffer:
-        """Means since the last call, speed percentiles and the contribution of each reward term."""
+        """Means since the last call, contribution of each reward term, speed percentiles, episode length.
+
+        The length is the mean of the episodes that have ended since [s]; 0 where none has.
+        """
         speeds = torch.stack(
             ranked_speeds(torch.nan_to_num(self.running_speed), tuple(_PERCENTILES.values()))
         )
         means = self._log_sums / max(1, self._logged_steps)
-        values = torch.cat((means, speeds, self.grid_weights.mean()[None]))
+        ended, steps = self._ended_episodes.unbind()
+        length = POLICY_STEP * steps / ended.clamp(min=1.0)
+        values = torch.cat((means, speeds, torch.stack((self.grid_weights.mean(), length))))
         self._log_sums.zero_()
+        self._ended_episodes.zero_()
         self._logged_steps = 0
         terms = (f"reward/{name}" for name in self.settings.reward)
-        return MetricBuffer((*_LOGGED, *terms, *_PERCENTILES, "grid_open"), values)
+        return MetricBuffer((*_LOGGED, *terms, *_PERCENTILES, "grid_open", "episode_length"), values)

@@ -104,10 +104,11 @@ class EstimatorPpo:
 
     def set_phase(self, share: float) -> None:
         """Action noise, aimed-at divergence and the estimator's learning rate after a share of the run."""
-        self.least_std.fill_(annealing.std_floor(share))
-        self.most_std.fill_(min(annealing.std_ceiling(share), LARGEST_STD))
-        self.desired_kl.fill_(annealing.divergence_aim(share))
-        self.estimator_rate.fill_(annealing.estimator_rate(share))
+        annealed = annealing.annealed(share)
+        self.least_std.fill_(annealed.least_std)
+        self.most_std.fill_(min(annealed.most_std, LARGEST_STD))
+        self.desired_kl.fill_(annealed.desired_kl)
+        self.estimator_rate.fill_(annealed.estimator_rate)
         steady = self.settings.stages.is_steady(share)
         self.rollout.noise_scale.copy_(self._noise_scale if steady else torch.ones_like(self._noise_scale))
 
@@ -136,11 +137,6 @@ class EstimatorPpo:
         left the others with an update's graph at hand would never end.
         """
         del self.act, self.record, self.update
-
-    def _networks(self) -> dict[str, torch.Tensor]:
-        """Parameters and buffers of both networks, by name."""
-        named = {f"actor.{name}": value for name, value in self.actor.state_dict().items()}
-        return {**named, **{f"critic.{name}": value for name, value in self.critic.state_dict().items()}}
 
     def _moments(self) -> list[torch.Tensor]:
         """Both optimizers' state, in a fixed order."""

@@ -7,6 +7,7 @@ estimate shall not depend on the last few steps of its optimizer.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 ANNEALED = (0.5, 0.92)
 """Shares of the run between which everything here sinks."""
@@ -19,28 +20,22 @@ ESTIMATOR_RATE, FINAL_ESTIMATOR_RATE = 1e-3, 1e-4
 """Learning rate of the estimator's own optimizer, before and after."""
 
 
-def annealed(share: float) -> float:
-    """How far this share of the run lies between the ends of ``ANNEALED``: 0 before them, 1 after."""
+class Annealed(NamedTuple):
+    """What holds in a part of the run."""
+
+    least_std: float  # least deviation of the action noise
+    most_std: float  # greatest one; none before the annealing
+    desired_kl: float  # divergence that an update aims at
+    estimator_rate: float
+
+
+def annealed(share: float) -> Annealed:
+    """What holds after this share of the run; rate and divergence sink evenly in their logarithm."""
     first, last = ANNEALED
-    return min(max((share - first) / max(last - first, 1e-9), 0.0), 1.0)
-
-
-def std_floor(share: float) -> float:
-    """Least deviation of the action noise after this share of the run."""
-    return LEAST_STD + annealed(share) * (FINAL_STD - LEAST_STD)
-
-
-def std_ceiling(share: float) -> float:
-    """Greatest deviation of the action noise after this share of the run; none before the annealing."""
-    sunk = annealed(share)
-    return math.inf if sunk == 0.0 else MOST_STD + sunk * (FINAL_STD - MOST_STD)
-
-
-def divergence_aim(share: float) -> float:
-    """Divergence that an update aims at after this share of the run."""
-    return DESIRED_KL * (FINAL_KL / DESIRED_KL) ** annealed(share)
-
-
-def estimator_rate(share: float) -> float:
-    """Learning rate of the estimator after this share of the run: a straight line of its logarithm."""
-    return ESTIMATOR_RATE * (FINAL_ESTIMATOR_RATE / ESTIMATOR_RATE) ** annealed(share)
+    sunk = min(max((share - first) / max(last - first, 1e-9), 0.0), 1.0)
+    return Annealed(
+        least_std=LEAST_STD + sunk * (FINAL_STD - LEAST_STD),
+        most_std=math.inf if sunk == 0.0 else MOST_STD + sunk * (FINAL_STD - MOST_STD),
+        desired_kl=DESIRED_KL * (FINAL_KL / DESIRED_KL) ** sunk,
+        estimator_rate=ESTIMATOR_RATE * (FINAL_ESTIMATOR_RATE / ESTIMATOR_RATE) ** sunk,
+    )

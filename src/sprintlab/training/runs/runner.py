@@ -129,11 +129,7 @@ class Runner:
         self.learner.update()
         self._stopwatch.mark("update")
         self.workers.average(self.environment.grid_weights)
-        taken = (
-            self.environment.take_log(),
-            self.environment.take_episode_length(),
-            self.learner.take_log(),
-        )
+        taken = (self.environment.take_log(), self.learner.take_log())
         statistics = joined(taken, self.workers).read()
         if self.chances is not None:
             self.chances.update(statistics, moving=self.blend.weight >= 1.0)
