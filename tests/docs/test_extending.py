@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sprintlab.commands import CommandStep, check_schedule, initial_state
+from sprintlab.commands import CommandStep, initial_state
 from sprintlab.control import OBSERVABLES
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots import load_robot, robot_names
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
@@ -117,16 +116,3 @@ def test_what_is_ones_own_trains_exports_and_races(example, tmp_path, monkeypatc
     robot, brief = load_robot("longshank"), protocol_settings(1, 0)
     result = evaluate_race(trained.policy, robot, top_speed=0.5, distance=0.05, settings=brief, workers=1)
     assert result.robot == "longshank"
-
-
-def test_a_schedule_that_lacks_something_is_refused():
-    class Old:
-        targets = None
-
-        def advance(self, state):
-            return state
-
-    with pytest.raises(InvalidValueError, match="must take the state and a CommandStep"):
-        check_schedule(Old())
-    with pytest.raises(InvalidValueError, match="needs targets and advance"):
-        check_schedule(3)

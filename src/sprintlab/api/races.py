@@ -48,8 +48,8 @@ HIGHEST_SPEED = 40.0
 class Race(Drawn):
     """What a race found; prints as a table, draws itself, writes its report."""
 
-    policy: Path  # the policy file
-    robot: RobotDescription  # that ran
+    policy: Path
+    robot: RobotDescription
 
     def plot(self, figure: str = "speed") -> Figure:
         """One figure of the report, of those in ``FIGURES``. Raises ``InvalidValueError``."""

@@ -102,7 +102,7 @@ class Result:
 class Drawn(Result):
     """A result that also draws itself."""
 
-    draw: Callable[[], Figure]  # makes the figure
+    draw: Callable[[], Figure]
 
     def plot(self) -> Figure:
         """The result as a picture, which a notebook shows."""

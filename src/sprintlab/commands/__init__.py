@@ -24,7 +24,6 @@ from sprintlab.commands.schedules import FixedAccelerationSchedule as FixedAccel
 from sprintlab.commands.schedules import Schedule as Schedule
 from sprintlab.commands.schedules import TargetSampling as TargetSampling
 from sprintlab.commands.schedules import UniformSchedule as UniformSchedule
-from sprintlab.commands.schedules import check_schedule as check_schedule
 from sprintlab.commands.stages import RangeGrowth as RangeGrowth
 from sprintlab.commands.stages import StageBlend as StageBlend
 from sprintlab.commands.stages import ranked_speeds as ranked_speeds

@@ -17,9 +17,8 @@ column draws
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
@@ -27,7 +26,6 @@ from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW, self_paced
 from sprintlab.commands.state import CommandState, limit_yaw_rate, share_of_turn
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_interval, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError
 
 
 class CommandStep(NamedTuple):
@@ -161,7 +159,6 @@ def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | flo
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
 
 
-@runtime_checkable
 class Schedule(Protocol):
     """What moves commands: a frozen dataclass of numbers, so that a checkpoint can keep it."""
 
@@ -176,17 +173,6 @@ class Schedule(Protocol):
         Over arrays, without looking into a value: in training it is compiled for the GPU.
         """
         ...
-
-
-def check_schedule(schedule: object) -> None:
-    """Refuse an object that is not a schedule. Raises ``InvalidValueError`` that names what it lacks."""
-    name = type(schedule).__name__
-    if not isinstance(schedule, Schedule):
-        raise InvalidValueError(
-            "schedule", name, "needs targets and advance: see sprintlab.commands.Schedule"
-        )
-    if len(inspect.signature(schedule.advance).parameters) != 2:
-        raise InvalidValueError("schedule", name, "its advance must take the state and a CommandStep")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -58,20 +58,11 @@ CONSTRAINTS = ("foot", "gear", "legs", "joint_speed", "end_stop")
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSettings:
-    """Physics in training.
+    """Physics in training."""
 
-    Attributes:
-        environments: Robots that are simulated side by side.
-        heat: Thermal model of the windings; None, as in the paper: they stay cold.
-        saturation: Whether the motors saturate; off, torque stays proportional to current.
-
-    Raises:
-        InvalidValueError: a value out of range.
-    """
-
-    environments: int = 32768
-    heat: WindingHeat | None = None
-    saturation: bool = True
+    environments: int = 32768  # robots that are simulated side by side
+    heat: WindingHeat | None = None  # thermal model of the windings; None, as in the paper: they stay cold
+    saturation: bool = True  # whether the motors saturate; off, torque stays proportional to current
 
     def __post_init__(self) -> None:
         if isinstance(self.heat, HousedHeat):
@@ -81,22 +72,13 @@ class SimulationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint:
-    """A limit of the audit in training.
+    """A limit of the audit in training."""
 
-    Attributes:
-        limit: Value from which the constraint is broken in part.
-        full: Value from which it is broken in full.
-        aim: Mean part by which fast robots may break it [-].
-        caps: Greatest chance while a robot holds its speed, pushes and brakes [-].
-
-    Raises:
-        InvalidValueError: limit equals full, the aim is not positive, or a cap lies outside [0.001, 1].
-    """
-
-    limit: float
-    full: float
-    aim: float
+    limit: float  # value from which the constraint is broken in part
+    full: float  # value from which it is broken in full
+    aim: float  # mean part by which fast robots may break it [-]
     caps: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    """Greatest chance while a robot holds its speed, pushes and brakes [-]."""
 
     def __post_init__(self) -> None:
         if self.limit == self.full:
@@ -127,26 +109,14 @@ class ConstraintSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceSettings:
-    """What disturbs robots at each step: noise of their sensors, uniform and symmetric, and pushes.
+    """What disturbs robots at each step: noise of their sensors, uniform and symmetric, and pushes."""
 
-    Attributes:
-        angular_velocity: Noise of the gyroscope [rad/s].
-        projected_gravity: Noise on the unit vector [-].
-        joint_position: Noise of the encoders [rad].
-        joint_velocity: Noise of the joint velocities [rad/s].
-        push_interval: Mean time between pushes [s].
-        push_speed: Greatest change of the base velocity by a push [m/s].
-
-    Raises:
-        InvalidValueError: a number out of range.
-    """
-
-    angular_velocity: float = 0.15
-    projected_gravity: float = 0.02
-    joint_position: float = 0.01
-    joint_velocity: float = 0.8
-    push_interval: float = 6.0
-    push_speed: float = 0.5
+    angular_velocity: float = 0.15  # noise of the gyroscope [rad/s]
+    projected_gravity: float = 0.02  # noise on the unit vector [-]
+    joint_position: float = 0.01  # noise of the encoders [rad]
+    joint_velocity: float = 0.8  # noise of the joint velocities [rad/s]
+    push_interval: float = 6.0  # mean time between pushes [s]
+    push_speed: float = 0.5  # greatest change of the base velocity by a push [m/s]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -161,19 +131,13 @@ UNDISTURBED = DisturbanceSettings(
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSettings:
-    """How episodes begin.
-
-    Attributes:
-        clone_share: Share of the resets that copy a running environment, the faster of two drawn: high speed
-            is reached rarely, so it must be practised when it is.
-        fast_start_share: Share of the other resets that start at a forward speed in the commanded range.
-
-    Raises:
-        InvalidValueError: a share outside [0, 1].
-    """
+    """How episodes begin."""
 
     clone_share: float = 0.3
+    """Share of the resets that copy a running environment, the faster of two drawn: high speed is reached
+    rarely, so it must be practised when it is."""
     fast_start_share: float = 0.25
+    """Share of the other resets that start at a forward speed in the commanded range."""
 
     def __post_init__(self) -> None:
         for name in ("clone_share", "fast_start_share"):
@@ -182,25 +146,17 @@ class EpisodeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StageSettings:
-    """The two stages.
+    """The two stages."""
 
-    Attributes:
-        first_top: Top of the range in stage I [m/s].
-        second_top: Top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
-        steady_share: Share of the run after which the fine-tuning phase begins: some robots act with less
-            noise (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with
-            ``ramps_when_steady``, all commands ramp. Not in the paper.
-        record_margin: In the fine-tuning phase a target is at most what the robot itself has lately run and
-            this much more [m/s]: robots differ by 2 m/s in what they can. None: no such limit.
-
-    Raises:
-        InvalidValueError: tops in the wrong order or not positive, or a share out of range.
-    """
-
-    first_top: float = 6.0
-    second_top: float = 14.5
+    first_top: float = 6.0  # top of the range in stage I [m/s]
+    second_top: float = 14.5  # top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4
     steady_share: float = 0.4
+    """Share of the run after which the fine-tuning phase begins: some robots act with less noise
+    (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with ``ramps_when_steady``, all
+    commands ramp. Not in the paper."""
     record_margin: float | None = 1.5
+    """In the fine-tuning phase a target is at most what the robot itself has lately run and this much more
+    [m/s]: robots differ by 2 m/s in what they can. None: no such limit."""
 
     def __post_init__(self) -> None:
         check_positive("first_top", self.first_top, "m/s")
@@ -223,35 +179,21 @@ def _check_widths(name: str, widths: tuple[int, ...]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PpoSettings:
-    """PPO.
+    """PPO."""
 
-    Attributes:
-        steps: Environment steps per iteration; with 8 small batches do not start.
-        epochs: Passes over the rollout.
-        mini_batches: Mini-batches per pass.
-        learning_rate: Learning rate at the start; it is adapted to the divergence of the updates.
-        discount: Discount of future rewards.
-        low_noise_fraction: Fraction of the robots, spread evenly, that act with less noise in the fine-tuning
-            phase. With noise everywhere, policies stood that fell over without it. Not in the paper.
-        symmetric: Whether the mirrored observation gives exactly the mirrored action.
-        hidden: Widths of the layers of actor and critic.
-        precision: ``"tf32"`` or ``"float16"`` (faster on a GPU) for the matrix products in rollout and
-            update; an exported policy computes in single precision. With bfloat16 a long training came apart
-            at its end.
-
-    Raises:
-        InvalidValueError: a count below one, a number out of range, or an unknown precision.
-    """
-
-    steps: int = 16
-    epochs: int = 4
-    mini_batches: int = 4
-    learning_rate: float = 1e-3
-    discount: float = 0.99
+    steps: int = 16  # environment steps per iteration; with 8 small batches do not start
+    epochs: int = 4  # passes over the rollout
+    mini_batches: int = 4  # mini-batches per pass
+    learning_rate: float = 1e-3  # learning rate at the start; it is adapted to the divergence of the updates
+    discount: float = 0.99  # discount of future rewards
     low_noise_fraction: float = 0.4
-    symmetric: bool = True
-    hidden: tuple[int, ...] = (512, 256, 128)
+    """Fraction of the robots, spread evenly, that act with less noise in the fine-tuning phase. With noise
+    everywhere, policies stood that fell over without it. Not in the paper."""
+    symmetric: bool = True  # whether the mirrored observation gives exactly the mirrored action
+    hidden: tuple[int, ...] = (512, 256, 128)  # widths of the layers of actor and critic
     precision: str = "float16"
+    """``"tf32"`` or ``"float16"`` (faster on a GPU) for the matrix products in rollout and update; an
+    exported policy computes in single precision. With bfloat16 a long training came apart at its end."""
 
     def __post_init__(self) -> None:
         check_choice("precision", self.precision, PRECISIONS)
@@ -265,16 +207,9 @@ class PpoSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorSettings:
-    """The VAE estimator.
+    """The VAE estimator."""
 
-    Attributes:
-        encoder: Widths of the encoder's layers.
-
-    Raises:
-        InvalidValueError: no layer, too many, or a width out of range.
-    """
-
-    encoder: tuple[int, ...] = (256, 128)
+    encoder: tuple[int, ...] = (256, 128)  # widths of the encoder's layers
 
     def __post_init__(self) -> None:
         _check_widths("encoder", self.encoder)
@@ -282,16 +217,10 @@ class EstimatorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ExamSettings:
-    """When the policy is examined in the training: see ``training.exam``. The best exam's policy is exported.
-
-    Attributes:
-        interval: Iterations between two exams; a shorter run has none, a longer one also ends with one.
-
-    Raises:
-        InvalidValueError: the interval is below one.
-    """
+    """When the policy is examined in the training (``training.exam``); the best exam's policy is exported."""
 
     interval: int = 600
+    """Iterations between two exams; a shorter run has none, a longer one also ends with one."""
 
     def __post_init__(self) -> None:
         check_range("interval", self.interval, 1, 1_000_000)
@@ -299,48 +228,30 @@ class ExamSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingSettings:
-    """One training run, whole: its hash names it.
+    """One training run, whole: its hash names it."""
 
-    Attributes:
-        method: Name of the method, see ``methods``.
-        robot: Name, folder or table of the robot.
-        actuator_model: Motor model in training.
-        schedule: How commands evolve.
-        simulation: Physics, and how many robots.
-        reward: Terms of the reward by name: ``reward_tables``.
-        reward_sum: ``"exponential"``: rewards * exp(penalties / 2), or ``"clipped"``: max(0, sum).
-        randomization: What differs from robot to robot, by name: ``environment.randomization``.
-        disturbances: Noise of the sensors, and pushes.
-        episodes: How episodes begin.
-        constraints: What the audit limits, as shares of the future that end; None: only rewards.
-        stages: How the range of speeds grows, and the phases of the run.
-        exam: When the policy is examined; None: the last policy is exported.
-        ppo: Policy and value learning.
-        estimator: The VAE estimator.
-        observation: What a policy sees; it travels in its contract.
-        seed: Seed of every random generator.
-
-    Raises:
-        InvalidValueError: a value that is not allowed.
-    """
-
-    method: str = "acs"
-    robot: str = "bp2"
-    actuator_model: MotorModel = "refined"
-    schedule: Schedule = ACS
-    simulation: SimulationSettings = SimulationSettings()
+    method: str = "acs"  # name of the method, see methods
+    robot: str = "bp2"  # name, folder or table of the robot
+    actuator_model: MotorModel = "refined"  # motor model in training
+    schedule: Schedule = ACS  # how commands evolve
+    simulation: SimulationSettings = SimulationSettings()  # physics, and how many robots
     reward: dict[str, RewardTerm] = field(default_factory=default_rewards)
-    reward_sum: str = "exponential"
+    """Terms of the reward by name: ``reward_tables``."""
+    reward_sum: str = "exponential"  # "exponential": rewards * exp(penalties / 2), or "clipped": max(0, sum)
     randomization: dict[str, RandomizationTerm] = field(default_factory=default_randomization)
-    disturbances: DisturbanceSettings = DisturbanceSettings()
-    episodes: EpisodeSettings = EpisodeSettings()
+    """What differs from robot to robot, by name: ``environment.randomization``."""
+    disturbances: DisturbanceSettings = DisturbanceSettings()  # noise of the sensors, and pushes
+    episodes: EpisodeSettings = EpisodeSettings()  # how episodes begin
     constraints: ConstraintSettings | None = ConstraintSettings()
-    stages: StageSettings = StageSettings()
+    """What the audit limits, as shares of the future that end; None: only rewards."""
+    stages: StageSettings = StageSettings()  # how the range of speeds grows, and the phases of the run
     exam: ExamSettings | None = ExamSettings()
-    ppo: PpoSettings = PpoSettings()
-    estimator: EstimatorSettings = EstimatorSettings()
+    """When the policy is examined; None: the last policy is exported."""
+    ppo: PpoSettings = PpoSettings()  # policy and value learning
+    estimator: EstimatorSettings = EstimatorSettings()  # the VAE estimator
     observation: ObservationLayout = field(default_factory=lambda: ObservationLayout(history_length=10))
-    seed: int = 0
+    """What a policy sees; it travels in its contract."""
+    seed: int = 0  # seed of every random generator
 
     def __post_init__(self) -> None:
         check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)

@@ -15,7 +15,7 @@ from torch import distributed
 class Workers:
     """The processes of one training run; alone by default."""
 
-    count: int = 1  # processes
+    count: int = 1
     rank: int = 0  # rank of this process
     local_rank: int = 0  # rank of this process on its machine: which GPU it takes
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from sprintlab.commands import check_schedule
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
@@ -37,27 +36,24 @@ class RunLength:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """A session of training: what is trained, for how long, and where to."""
+    """A session of training: what is trained, for how long, and where to; ``api.training.train`` says more.
+
+    On a CPU settings of the default size become small ones. Without minutes and iterations a resumed run
+    keeps its length.
+    """
 
     settings: TrainingSettings = field(default_factory=TrainingSettings)
-    """Every choice of the run: ``training.methods.method``."""
     output: Path = Path("runs/train")
-    """Folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``."""
     minutes: float | None = None
-    """The run ends after so much training time, over all sessions. Without minutes and iterations a resumed
-    run keeps its length, and a new one takes 7 minutes on a GPU and 60 on a CPU."""
-    iterations: int | None = None  # the run ends at this iteration, at most 30,000
-    environments: int | None = None  # robots side by side; those of the settings when left out
-    device: str = "auto"  # cuda:0, cpu or auto. On a CPU settings of the default size become small ones
-    resume: bool = False  # go on, with its settings, from the checkpoint in output where there is one
-    save_seconds: float = 60.0  # time between checkpoints
+    iterations: int | None = None
+    environments: int | None = None
+    device: str = "auto"
+    resume: bool = False
+    save_seconds: float = 60.0
     milestones: float | None = None
-    """The policy is kept at every multiple of this training time [s], as ``output/milestones/0030.pt`` and so
-    on: how the speed came about can be measured afterwards."""
     fused: bool = True
-    """Graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly."""
-    tensorboard: bool = True  # curves are written to output/tensorboard
-    wandb: str | None = None  # project on Weights & Biases that gets the same curves (needs the extra wandb)
+    tensorboard: bool = True
+    wandb: str | None = None
 
     def __post_init__(self) -> None:
         if self.minutes is not None:
@@ -115,7 +111,6 @@ def check_places(options: TrainOptions) -> None:
             raise SprintlabError(f"{options.checkpoint} exists: choose another output, or resume it")
         read_checkpoint(options.checkpoint)
     load_robot(options.settings.robot)
-    check_schedule(options.settings.schedule)
     check_writable(options.checkpoint)
 
 
