@@ -114,7 +114,8 @@ def _plain(value: Any, hint: Any = None) -> Any:
         return ABSENT
     if is_dataclass(value):
         kinds = _dataclasses(hint)
-        named = {} if kinds == [type(value)] else {KIND: _class_name(type(value), kinds)}
+        kind = type(value)
+        named = {} if kinds == [kind] else {KIND: kind.__name__ if kind in kinds else _path(kind)}
         return {**named, **to_plain(value)}
     if isinstance(value, Mapping):
         return {name: _plain(each, _entry(hint)) for name, each in cast("Mapping[str, Any]", value).items()}
@@ -128,10 +129,6 @@ def _plain(value: Any, hint: Any = None) -> Any:
 def _path(value: Any) -> str:
     own = value.__module__ in _FUNCTIONS
     return value.__qualname__ if own else f"{value.__module__}:{value.__qualname__}"
-
-
-def _class_name(kind: type, known: Sequence[type]) -> str:
-    return kind.__name__ if kind in known else _path(kind)
 
 
 # --- from plain values to settings -----------------------------------------------------------------------
@@ -153,7 +150,8 @@ def _value(hint: Any, value: Any, place: str) -> Any:
         converted = _converted(value, kind)
         if converted is not MISSING:
             return converted
-    raise InvalidValueError(place, value, f"must be {_type_name(hint)}")
+    name = re.sub(r"<class '|'>|\w+\.", "", str(hint))  # as Python writes it, without modules
+    raise InvalidValueError(place, value, f"must be {name}")
 
 
 def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
@@ -233,8 +231,3 @@ def _dataclasses(hint: Any) -> list[Any]:
 def _entry(hint: Any) -> Any:
     """Type of the entries of a dictionary; None for other types."""
     return next((get_args(kind)[1] for kind in _kinds(hint) if get_origin(kind) in (dict, Mapping)), None)
-
-
-def _type_name(hint: Any) -> str:
-    """A type hint as Python writes it, without the modules of its names."""
-    return re.sub(r"<class '|'>|\w+\.", "", str(hint))

@@ -16,22 +16,14 @@ SPEED_HELD, YAW_RATE_HELD = "speed_held", "yaw_rate_held"
 in the fine-tuning phase. From the start it would keep robots from learning to run."""
 
 
-def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Parameter], given: int) -> None:
-    """Refuse parameters that a function does not have, or that it needs and are missing.
-
-    Args:
-        given: arguments that it gets before them.
-    """
-    known = dict(list(inspect.signature(function).parameters.items())[given:])
-    name = getattr(function, "__name__", str(function))
-    for parameter in parameters:
-        if parameter not in known:
-            raise InvalidValueError(
-                parameter, parameters[parameter], f"{name} has {', '.join(known) or 'no parameters'}"
-            )
-    for parameter, declared in known.items():
-        if declared.default is declared.empty and parameter not in parameters:
-            raise InvalidValueError(parameter, None, f"{name} needs it")
+def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Parameter]) -> None:
+    """Refuse parameters that a function of one more argument does not have, and those that it lacks."""
+    signature = inspect.signature(function)
+    try:
+        signature.bind(None, **parameters)
+    except TypeError as error:
+        name = getattr(function, "__name__", str(function))
+        raise InvalidValueError("parameters", dict(parameters), f"{error}: {name}{signature}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +42,7 @@ class RewardTerm:
     turning costs speed."""
 
     def __post_init__(self) -> None:
-        check_parameters(self.function, self.parameters, given=1)
+        check_parameters(self.function, self.parameters)
         for weight in self.weights:
             check_finite("weight", weight)
         if min(self.weights) < 0.0 and (max(self.weights) > 0.0 or self.tied):
@@ -88,7 +80,7 @@ class RandomizationTerm:
     """Parameters of the function; a pair is an interval."""
 
     def __post_init__(self) -> None:
-        check_parameters(self.function, self.parameters, given=1)
+        check_parameters(self.function, self.parameters)
         for name, value in self.parameters.items():
             if isinstance(value, tuple):
                 check_interval(name, value, -1e9, 1e9)
