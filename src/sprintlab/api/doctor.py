@@ -64,13 +64,13 @@ class Finding(NamedTuple):
 
 @checked
 def doctor(*, training: bool = False, progress: Progress = silent) -> Result:
-    """Try out what sprintlab needs: packages, GPU, compiler, OpenGL, disk.
+    """Try out what sprintlab needs: packages, GPU, compiler, disk.
 
     The status is 1 where something is broken; what is merely not installed is no fault.
     Example: sprintlab doctor --training
 
     Args:
-        training: also try CUDA, compilation and rendering, and count as a fault what training on a GPU lacks.
+        training: also try CUDA and compilation, and count as a fault what training on a GPU lacks.
     """
     findings = list(_findings(training, progress))
     faults = [
