@@ -72,16 +72,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Progress]:
         return
     from rich import progress
 
-    bar = progress.Progress(
-        progress.SpinnerColumn(),
-        progress.TextColumn("{task.description:<34}", markup=False),
-        progress.BarColumn(),
-        progress.TimeElapsedColumn(),
-        progress.TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    )
-    with bar:
+    with progress.Progress(console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None)
 
         def report(what: str, share: float | None) -> None:
