@@ -9,7 +9,7 @@ import pytest
 
 from sprintlab.commands import CommandStep, initial_state
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.training.methods import LITERAL_ACS, METHODS, method_settings, preset_settings
+from sprintlab.training.methods import METHODS, method_settings, preset_settings
 from sprintlab.training.reward_tables import paper_rewards
 from sprintlab.training.settings import PpoSettings, TrainingSettings
 
@@ -75,7 +75,7 @@ def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_
 
 
 def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:
-    schedule = method_settings(LITERAL_ACS).schedule
+    schedule = method_settings("literal-acs").schedule
     random = np.random.default_rng(0)
     count = 64
     state = initial_state(count, random.random(count))

@@ -30,7 +30,6 @@ class Method:
     rewards: Rewards | None = None  # rewards in place of the preset's; None: the preset's
     reward_sum: str = "exponential"  # how rewards are added up
     saturation: bool = True  # whether the motors saturate in training
-    source: str = ""  # paper that the method follows; empty: the paper of this package
 
 
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
@@ -43,38 +42,30 @@ METHODS = {
     "acs": Method(),
 }
 """The paper's six."""
-COMPARATORS = {
+ALL_METHODS = METHODS | {
+    # The paper's Eq. of ACS as it stands, with no target that the commands move toward.
+    "literal-acs": Method(schedule=AdaptiveSchedule(biased_share=0.0)),
+    # The envelope as it is, but motors that do not saturate; the paper does not ablate it.
+    "no-saturation": Method(saturation=False),
+    # Margolis et al. 2022, Rapid Locomotion via RL: box-adaptive grid.
     "rlvrl": Method(
         schedule=CurriculumSchedule(
             targets=TargetSampling(top_share=0.0, grid=BoxGrid(), persistence=(10.0, 10.0))
-        ),
-        source="Margolis et al. 2022, Rapid Locomotion via RL: box-adaptive grid",
+        )
     ),
+    # LP-ACRL (2601.17428): bins by learning progress.
     "lp-acrl": Method(
-        schedule=CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=ProgressGrid())),
-        source="LP-ACRL (2601.17428): bins by learning progress",
+        schedule=CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=ProgressGrid()))
     ),
+    # Hound (2312.17507): v_d = 0 operating region, gait and foot rewards.
     "hound": Method(
         actuator_model="simplified-dc",
         schedule=RampedSchedule(),
         rewards=hound_rewards(),
         reward_sum="clipped",
-        source="Hound (2312.17507): v_d = 0 operating region, gait and foot rewards",
     ),
 }
-"""Methods of other papers, on the same robot, recipe and budget."""
-LITERAL_ACS = "literal-acs"
-"""The paper's Eq. of ACS as it stands, with no target that the commands move toward."""
-NO_SATURATION = "no-saturation"
-"""The envelope as it is, but motors that do not saturate; the paper does not ablate it."""
-ALL_METHODS = (
-    METHODS
-    | {
-        LITERAL_ACS: Method(schedule=AdaptiveSchedule(biased_share=0.0)),
-        NO_SATURATION: Method(saturation=False),
-    }
-    | COMPARATORS
-)
+"""Further ones and those of other papers, on the same robot, recipe and budget."""
 DEFAULT_METHOD = "acs"
 PRESETS = ("sprintlab", "paper")
 """``"sprintlab"``: our reward and practice, the defaults; ``"paper"``: the paper's table to the letter."""
