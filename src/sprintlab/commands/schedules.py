@@ -44,39 +44,25 @@ class CommandStep(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class TargetSampling:
-    """How persistent targets are drawn.
+    """How persistent targets are drawn."""
 
-    Attributes:
-        persistence: Least and greatest time a target stays [s].
-        top_share: Share of the speed targets drawn from the top of the range.
-        top_fraction: The top of the range is ``[(1 - top_fraction) upper, upper]``.
-        zero_share: Share of the speed targets that are exactly zero.
-        backward_share: Share of the speed targets drawn from the backward end of the range.
-        slow_share: Share of the speed targets drawn from its bottom, ``[0, top_fraction upper]``.
-        yaw_share: Share of the draws with a yaw-rate target; the others are straight.
-        yaw_limit: Greatest yaw-rate target [rad/s].
-        turn_share: Share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
-            paper's 1 nothing is left to run with.
-        scaled_turns: A target is a share of the fastest turn that friction allows at the commanded speed.
-            Clipped, as in the paper, nearly half of the turns near the top of the range use all of the
-            friction, and small ones are rare.
-        grid: Curriculum from which the other targets are drawn; None: they are uniform over the range.
-
-    Raises:
-        InvalidValueError: a share outside [0, 1], or an interval that is not ordered.
-    """
-
-    persistence: tuple[float, float] = (3.0, 7.0)
-    top_share: float = 0.65
-    top_fraction: float = 0.25
-    zero_share: float = 0.1
-    backward_share: float = 0.0
-    slow_share: float = 0.0
-    yaw_share: float = 0.5
-    yaw_limit: float = 1.0
+    persistence: tuple[float, float] = (3.0, 7.0)  # least and greatest time a target stays [s]
+    top_share: float = 0.65  # share of the speed targets drawn from the top of the range
+    top_fraction: float = 0.25  # the top of the range is [(1 - top_fraction) upper, upper]
+    zero_share: float = 0.1  # share of the speed targets that are exactly zero
+    backward_share: float = 0.0  # share of the speed targets drawn from the backward end of the range
+    slow_share: float = 0.0  # share of the speed targets drawn from its bottom, [0, top_fraction upper]
+    yaw_share: float = 0.5  # share of the draws with a yaw-rate target; the others are straight
+    yaw_limit: float = 1.0  # greatest yaw-rate target [rad/s]
     turn_share: float = 1.0
+    """Share of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the paper's 1
+    nothing is left to run with."""
     scaled_turns: bool = False
+    """A target is a share of the fastest turn that friction allows at the commanded speed. Clipped, as in the
+    paper, nearly half of the turns near the top of the range use all of the friction, and small ones are
+    rare."""
     grid: Curriculum | None = CommandGrid()
+    """Curriculum from which the other targets are drawn; None: they are uniform over the range."""
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, unit="s")

@@ -90,21 +90,17 @@ class Constraint:
 
 @dataclass(frozen=True, kw_only=True)
 class ConstraintSettings:
-    """What ends a share of the future: see ``environment.constraints``.
-
-    Attributes:
-        foot: Force of a foot [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights.
-        gear: Torque through a gear [peak torques].
-        legs: Distance between the surfaces of two legs [m].
-        joint_speed: Joint speed over the no-load speed [-].
-        end_stop: Depth in an end stop over its zone [-].
-    """
+    """What ends a share of the future: see ``environment.constraints``."""
 
     foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.6))
-    gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)
+    """Force of a foot [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights."""
+    gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)  # torque through a gear [peak torques]
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
+    """Distance between the surfaces of two legs [m]."""
     joint_speed: Constraint = Constraint(limit=0.91, full=1.01, aim=0.0005)
+    """Joint speed over the no-load speed [-]."""
     end_stop: Constraint = Constraint(limit=0.0, full=1.0, aim=0.0005)
+    """Depth in an end stop over its zone [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)
