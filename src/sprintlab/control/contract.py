@@ -286,9 +286,10 @@ def _vector(values: Any) -> Vector:
 
 
 def _motor_table(robot: RobotDescription) -> MotorTable:
-    columns: dict[str, Any] = dict(robot_motors(robot).parameters(robot.joint_names))
-    voltage = {"bus_voltage": float(robot.bus_voltage)}
-    return MotorTable(**{name: _vector(column) for name, column in columns.items()} | voltage)
+    columns = robot_motors(robot).parameters(robot.joint_names)
+    table: dict[str, Any] = {name: _vector(column) for name, column in columns.items()}
+    table["bus_voltage"] = float(robot.bus_voltage)
+    return MotorTable(**table)
 
 
 def _compare_robot_field(field: str, value: Any, expected: Any, robot: RobotDescription) -> None:
