@@ -1,6 +1,5 @@
 """The second engine agrees with MuJoCo where both must agree: bodies, rotors, joints, springs, pads."""
 
-import sys
 from collections.abc import Sequence
 
 import mujoco
@@ -190,7 +189,4 @@ def test_refused_where_drake_is_missing(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("sprintlab.plant.engines.find_spec", lambda _: None)
     with pytest.raises(SprintlabError, match=r"pip install 'sprintlab\[drake\]'"):
         check_engine("drake")
-    monkeypatch.setattr(sys, "platform", "win32")
-    with pytest.raises(SprintlabError, match="for Linux and macOS, not for win32"):
-        on_engine(PlantOptions(), "drake")
     check_engine("mujoco")

@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.description import point_inertia
-
-IntArray = NDArray[np.int_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -48,12 +47,10 @@ def check_engine(engine: str) -> None:
     """Refuse an engine that is not installed.
 
     Raises:
-        SprintlabError: the message says how to install it, or that it cannot be.
+        SprintlabError: the message says how to install it.
     """
     if engine != "drake" or find_spec("pydrake") is not None:
         return
-    there = sys.platform in ("linux", "darwin")
-    reason = "which is not installed: pip install 'sprintlab[drake]'"
-    if not there:
-        reason = f"which comes for Linux and macOS, not for {sys.platform}"
-    raise SprintlabError(f"the second engine needs the package drake, {reason}")
+    raise SprintlabError(
+        "the second engine needs the package drake, for Linux and macOS: pip install 'sprintlab[drake]'"
+    )
