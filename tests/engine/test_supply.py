@@ -9,7 +9,7 @@ from tests.engine.test_engine import options, scattered
 
 from sprintlab.engine import Engine
 from sprintlab.motors import Battery, I2tLimit, WindingHeat
-from sprintlab.plant import SuppliedDrive
+from sprintlab.plant import PlantOptions, SuppliedDrive
 from sprintlab.robots import load_robot
 
 N = 64
@@ -54,8 +54,8 @@ def test_the_supply_is_that_of_the_plant(name: str, chosen: str, double: bool) -
 
 def _turned(engine: Engine, given: dict, row: int, state: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """What a drive of the plant makes of one robot's state."""
-    robot, supply = engine.robot, {name: value for name, value in given.items() if name != "motor_model"}
-    drive = SuppliedDrive(robot, robot.bus_voltage, given.get("motor_model", "refined"), **supply)
+    robot = engine.robot
+    drive = SuppliedDrive(robot, PlantOptions(**given))
     drive._temperature, drive._level = state["winding_temperature"], state["i2t_level"]
     drive._charge, drive._bus_voltage = float(state["state_of_charge"]), float(state["bus_voltage"])
     joints = [engine.mj_model.joint(joint) for joint in robot.joint_names]

@@ -46,7 +46,10 @@ def motion(count=200, seed=2):
 def test_every_step_agrees_with_the_laws_it_is_made_of(model):
     battery, heat = Battery(), WindingHeat(heat_capacity=30.0)
     drive = SuppliedDrive(
-        ROBOT, 60.0, model, battery=battery, state_of_charge=0.7, heat=heat, winding_temperature=60.0
+        ROBOT,
+        PlantOptions(
+            motor_model=model, battery=battery, state_of_charge=0.7, heat=heat, winding_temperature=60.0
+        ),
     )
     limited = 0
     for desired, velocity in zip(*motion(), strict=True):
@@ -77,7 +80,10 @@ def test_every_step_agrees_with_the_laws_it_is_made_of(model):
 @pytest.mark.parametrize("model", ["refined", "square", "flux-weakening"])
 def test_i2t_is_that_of_the_motor_package_step_by_step(model):
     limit = I2tLimit(continuous_current=np.linspace(8.0, 30.0, 12), peak_duration=0.05)
-    drive, decay = SuppliedDrive(ROBOT, 60.0, model, i2t=limit), i2t_decay(limit, ROBOT.motors, STEP)
+    drive, decay = (
+        SuppliedDrive(ROBOT, PlantOptions(motor_model=model, i2t=limit)),
+        i2t_decay(limit, ROBOT.motors, STEP),
+    )
     level, cut = np.zeros(12), 0
     for desired, velocity in zip(*motion(), strict=True):
         output = drive(desired, velocity)
@@ -96,7 +102,9 @@ def test_warm_drives_on_a_battery_count_the_currents_that_flow():
     limit = I2tLimit(continuous_current=15.0, time_constant=0.2)
     decay = i2t_decay(limit, ROBOT.motors, STEP)
     battery, heat = Battery(), WindingHeat(heat_capacity=30.0)
-    drive = SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat, winding_temperature=60.0, i2t=limit)
+    drive = SuppliedDrive(
+        ROBOT, PlantOptions(battery=battery, heat=heat, winding_temperature=60.0, i2t=limit)
+    )
     for desired, velocity in zip(*motion(), strict=True):
         before = drive.state
         output = drive(desired, velocity)
@@ -117,7 +125,7 @@ def test_warm_drives_on_a_battery_count_the_currents_that_flow():
 
 def test_winding_and_housing_warm_by_the_law_of_two_nodes():
     heat = HousedHeat(heat_capacity=2.0, housing_heat_capacity=4.0, housing_thermal_resistance=0.3)
-    drive = SuppliedDrive(ROBOT, 60.0, heat=heat, winding_temperature=40.0)
+    drive = SuppliedDrive(ROBOT, PlantOptions(heat=heat, winding_temperature=40.0))
     housing = drive.state.winding_temperature
     for desired, velocity in zip(*motion(), strict=True):
         before = drive.state
@@ -157,12 +165,12 @@ def standing_targets():
 
 def test_heat_and_limits_of_another_number_of_motors_are_refused():
     with pytest.raises(InvalidValueError, match=r"heat\.heat_capacity = '5 numbers'"):
-        SuppliedDrive(ROBOT, 60.0, heat=WindingHeat(heat_capacity=np.full(5, 100.0)))
+        SuppliedDrive(ROBOT, PlantOptions(heat=WindingHeat(heat_capacity=np.full(5, 100.0))))
     limit = I2tLimit(continuous_current=np.full(5, 10.0), time_constant=1.0)
     with pytest.raises(InvalidValueError, match=r"i2t\.continuous_current = '5 numbers'"):
-        SuppliedDrive(ROBOT, 60.0, i2t=limit)
+        SuppliedDrive(ROBOT, PlantOptions(i2t=limit))
     with pytest.raises(InvalidValueError, match="must lie below the peak current"):
-        SuppliedDrive(ROBOT, 60.0, i2t=I2tLimit(continuous_current=500.0, time_constant=1.0))
+        SuppliedDrive(ROBOT, PlantOptions(i2t=I2tLimit(continuous_current=500.0, time_constant=1.0)))
 
 
 @pytest.mark.parametrize(("name", "full"), [("bp2", 58.8), ("go1", 25.2), ("go2", 33.6)])

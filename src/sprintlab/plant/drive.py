@@ -13,7 +13,6 @@ from sprintlab.motors import (
     DriveOutput,
     HousedHeat,
     I2tLimit,
-    MotorModel,
     PreparedDrive,
     WindingHeat,
     battery_current,
@@ -25,6 +24,7 @@ from sprintlab.motors import (
     warmed,
     warmed_with_housing,
 )
+from sprintlab.plant.settings import PlantOptions
 from sprintlab.robots import RobotDescription
 
 
@@ -44,49 +44,27 @@ class SuppliedDrive:
 
     Bus voltage and torques of a step agree with each other. Copper loss and current of the step then change
     temperature and charge. The drives set currents by the torque constant at the reference temperature, so
-    that warm magnets give less torque than asked for. I²t counts currents and knows no temperature.
-
-    Args:
-        robot: its motors and gears.
-        bus_voltage: without a battery [V].
-        model: one of ``sprintlab.motors.MOTOR_MODELS``.
-        battery: ``None``: the bus holds ``bus_voltage``.
-        state_of_charge: the battery's charge at the start [-].
-        heat: ``None``: the windings stay as the motors' parameters say.
-        winding_temperature: at the start, of a housing too [degC].
-        i2t: ``None``: the peak current may flow for ever. The drives are cold at the start.
-        step: time between two calls [s].
+    that warm magnets give less torque than asked for. I²t counts currents, knows no temperature, and is zero
+    at the start.
 
     Raises:
         InvalidValueError: as ``PreparedDrive`` and ``i2t_time_constant`` do, or heat or I²t of a wrong number
             of motors is given.
     """
 
-    def __init__(
-        self,
-        robot: RobotDescription,
-        bus_voltage: float,
-        model: MotorModel = "refined",
-        *,
-        battery: Battery | None = None,
-        state_of_charge: float = 1.0,
-        heat: WindingHeat | None = None,
-        winding_temperature: float = 25.0,
-        i2t: I2tLimit | None = None,
-        step: float = 0.001,
-    ) -> None:
-        self._drive = PreparedDrive(robot.motors, robot.gear, bus_voltage, model)
-        _check_motors("heat", heat, len(robot.joint_names))
-        _check_motors("i2t", i2t, len(robot.joint_names))
-        self._i2t, self._level = i2t, np.zeros(len(robot.joint_names))
-        if i2t is not None:
-            self._decay = np.asarray(i2t_decay(i2t, robot.motors, step))
-        self._battery, self._heat, self._step = battery, heat, step
-        self._bus_voltage = bus_voltage
-        self._charge = state_of_charge
-        self._temperature = np.full(len(robot.joint_names), float(winding_temperature))
+    def __init__(self, robot: RobotDescription, options: PlantOptions) -> None:
+        joints, self._bus_voltage = len(robot.joint_names), options.bus_voltage or robot.bus_voltage
+        self._drive = PreparedDrive(robot.motors, robot.gear, self._bus_voltage, options.motor_model)
+        _check_motors("heat", options.heat, joints)
+        _check_motors("i2t", options.i2t, joints)
+        self._heat, self._i2t, self._step = options.heat, options.i2t, 1.0 / options.motor_rate
+        self._battery = robot.battery if options.battery == "robot" else options.battery
+        if self._i2t is not None:
+            self._decay = np.asarray(i2t_decay(self._i2t, robot.motors, self._step))
+        self._charge = options.state_of_charge
+        self._temperature = np.full(joints, float(options.winding_temperature))
         self._housing = self._temperature
-        self._loss = np.zeros(len(robot.joint_names))
+        self._level, self._loss = np.zeros(joints), np.zeros(joints)
 
     @property
     def state(self) -> SupplyState:

@@ -6,8 +6,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.plant.plant import Plant, PlantOptions
-from sprintlab.plant.settings import TrialSettings
+from sprintlab.plant.plant import Plant
+from sprintlab.plant.settings import PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 DRAKE_TIMESTEP = 0.0005

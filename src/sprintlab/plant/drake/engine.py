@@ -15,8 +15,8 @@ from pydrake.multibody.tree import default_model_instance
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SimulationError
 from sprintlab.plant.drake.assembly import Rotor, assemble, rotors_of, without_remarks
-from sprintlab.plant.plant import Plant, PlantOptions
-from sprintlab.plant.settings import TrialSettings
+from sprintlab.plant.plant import Plant
+from sprintlab.plant.settings import PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 
