@@ -48,8 +48,8 @@ def test_the_step_after_physics_is_one_piece() -> None:
 @pytest.mark.parametrize("method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl"))
 def test_every_schedule_and_its_grid_are_one_piece_each(method: str) -> None:
     environment = SprintEnvironment(method_settings(method, SETTINGS), "cpu")
-    nobody, everyone = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
-    traced(environment._learn_grid)(Ends(*(nobody for _ in Ends._fields)))
+    no_robot, everyone = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
+    traced(environment._learn_grid)(Ends(*(no_robot for _ in Ends._fields)))
     environment.draws.refill()
     traced(environment._advance_commands)(everyone)
     assert (environment.commands.time_to_target > 0.0).all()

@@ -90,4 +90,4 @@ def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:
         commands.append(np.asarray(state.command[:, 0]))
     given = np.concatenate(commands[20:])
     assert given.min() >= 2.0 and given.max() <= 4.0 and abs(given.mean() - 3.0) < 0.05
-    assert np.ptp(np.asarray(state.target_speed)) > 3.0  # targets exist, and nobody is drawn to them
+    assert np.ptp(np.asarray(state.target_speed)) > 3.0  # targets exist, and no command moves toward them
