@@ -1,4 +1,4 @@
-"""README and pages render on any forge, are short, and lead somewhere."""
+"""Links of README and pages lead somewhere, and their tables hold the committed results."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Clips of exams: rendered beside the training, and left out where nothing renders."""
+"""Clips of exams are rendered beside the training."""
 
 from __future__ import annotations
 

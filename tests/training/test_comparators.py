@@ -1,4 +1,4 @@
-"""Other papers' methods: what sets them apart, and that each of them trains."""
+"""Other papers' methods: what sets them apart from ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live page in a real browser."""
+"""The command of the live page; the page itself is tested in test_controls.py."""
 
 import pytest
 
