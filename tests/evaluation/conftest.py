@@ -4,10 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
-from sprintlab.control import CONTRACT_KEY, PolicyContract, encode_contract
+from sprintlab.control import CONTRACT_KEY, ESTIMATE_SIZE, PolicyContract, encode_contract
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.results import Trajectory, TrialMetrics, TrialResult
 from sprintlab.plant import TrialSettings
@@ -32,6 +33,32 @@ def make_policy(
         )
 
     return write
+
+
+@pytest.fixture(scope="session")
+def estimating_policy(
+    contract: PolicyContract, save_network: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Stands, and estimates rest at 0.5 m on four feet: half of the way there at every step, from zero."""
+    size = contract.layout.input_size
+    filters = msgspec.structs.replace(contract.filters, estimate_cutoff_hz=3.0)
+    estimating = msgspec.structs.replace(contract, filters=filters)
+    return save_network(
+        tmp_path_factory.mktemp("policy") / "estimating.onnx",
+        [
+            ("MatMul", "observation", "still", "action"),
+            ("Add", "previous_estimate", "rest", "sum"),
+            ("Mul", "sum", "half", "estimate"),
+        ],
+        {
+            "still": np.zeros((size, 12)),
+            "rest": np.array([[0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0]]),
+            "half": np.array(0.5),
+        },
+        inputs={"observation": size, "previous_estimate": ESTIMATE_SIZE},
+        outputs={"action": 12, "estimate": ESTIMATE_SIZE},
+        metadata={CONTRACT_KEY: encode_contract(estimating)},
+    )
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,12 @@ import math
 
 import pytest
 
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import (
+    CLOCK_ITEM,
+    CLOCK_LOSS_ITEM,
+    audit_trials,
+    with_clock_loss,
+)
 from sprintlab.evaluation.report_text import audit_failure
 
 
@@ -27,6 +32,7 @@ LINES = [
     ("slip_per_step", 0.06, 0.05, "foot slip per step 60 mm: at most 50"),
     ("lane_excursion", 0.62, 0.61, "farthest foot from the lane's middle 0.62 m: at most 0.61"),
     ("final_speed", 0.31, 0.3, "speed when it should stand 0.31 m/s: at most 0.3"),
+    ("stride_frequency", 6.25, 50 / 8.0201, f"{CLOCK_ITEM} 0 policy steps: at least 0.02"),
 ]
 # fmt: on
 
@@ -86,6 +92,14 @@ def test_a_foot_that_never_touches_is_named_from_one_metre_a_second_on(make_metr
 def test_a_robot_must_hold_most_of_its_command(make_metrics, held, passed):
     report = audit_trials([make_metrics(asked_speed=4.0, held_speed=held, load_share=(0.25,) * 4)])
     assert report.passed == passed
+
+
+@pytest.mark.parametrize(("loss", "passed"), [(0.019, True), (0.021, False), (1.0, False)])
+def test_a_gait_that_the_clock_times_passes_if_other_clocks_cost_little(make_metrics, loss, passed):
+    locked = audit_trials([make_metrics(stride_frequency=6.25)])
+    judged = with_clock_loss(locked, loss)
+    assert not locked.passed and judged.passed == passed
+    assert judged.items[-1].name == CLOCK_LOSS_ITEM and CLOCK_ITEM not in {item.name for item in judged.items}
 
 
 def test_what_never_happened_is_not_held_against_a_run(make_metrics):

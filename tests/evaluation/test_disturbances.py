@@ -1,13 +1,51 @@
-"""What comes between policy and robot: noise, offsets, delay, pushes."""
+"""What comes between policy and robot: ticks of the clock, noise, offsets, delay, pushes."""
+
+import dataclasses
+import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.short_trials import COARSE
 
-from sprintlab.control import Measurement
-from sprintlab.evaluation.disturbances import SENSOR_NOISE, Disturbances
+from sprintlab.control import Measurement, PolicyRuntime, load_policy
+from sprintlab.evaluation.disturbances import SENSOR_NOISE, Disturbances, PolicyClock
+from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
 READING = Measurement(np.zeros(3), np.zeros(3), np.zeros(12), np.zeros(12))
+
+
+def ticks(clock, count=5000, seed=0):
+    return np.array(list(itertools.islice(clock.periods(1000.0, seed), count)))
+
+
+@given(st.floats(20.0, 200.0))
+def test_the_mean_rate_is_kept_though_ticks_fall_on_motor_steps(rate):
+    periods = ticks(PolicyClock(rate=rate), 2000)
+    assert periods.sum() == pytest.approx(2000 * 1000.0 / rate, abs=1.0)
+    assert np.ptp(periods) <= 1
+
+
+def test_jitter_draws_periods_of_the_stated_width_anew_for_every_seed():
+    clock = PolicyClock(jitter=0.1)
+    periods = ticks(clock)
+    assert periods.min() == 18 and periods.max() == 22
+    assert periods.mean() == pytest.approx(20.0, abs=0.1)
+    assert (ticks(clock) == periods).all() and (ticks(clock, seed=1) != periods).any()
+
+
+@pytest.mark.usefixtures("brief_trials")
+def test_the_policy_is_asked_when_the_clock_says_so(standing_policy, robot, monkeypatch):
+    asked, step = [], PolicyRuntime.step
+    monkeypatch.setattr(
+        PolicyRuntime, "step", lambda self, *inputs: (asked.append(1), step(self, *inputs))[1]
+    )
+    request = TrialRequest(top_speed=0.5, hold=0.5, plant=COARSE, keep_trajectory=True)
+    request = dataclasses.replace(request, clock=PolicyClock(rate=25.0))
+    end = run_trial(load_policy(standing_policy), robot, request).trajectory.time[-1]
+    assert len(asked) == pytest.approx(end * 25.0, abs=1.5)
 
 
 def test_noise_fills_its_band_and_follows_the_seed(robot):

@@ -7,8 +7,11 @@ import pytest
 from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.evaluation import race as race_module
+from sprintlab.evaluation.clock import CLOCKS
+from sprintlab.evaluation.disturbances import PolicyClock
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.race import audit_race, evaluate_race
+from sprintlab.evaluation.results import SpeedResult
 
 KEYS = {
     "time_100m_s",
@@ -47,3 +50,25 @@ def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot, mon
     result = evaluate_race(standing_policy, robot, distance=0.05, settings=coarse, workers=1)
     assert result.top_speed == 0.5
     assert "0.5 m/s" in result.notes[0]
+
+
+@pytest.mark.parametrize(("held", "passed"), [(11.9, True), (11.5, False)])
+def test_other_clocks_judge_a_race_whose_only_fault_is_a_stride_that_the_clock_times(
+    make_trial, held, passed
+):
+    def trials(speed, stride):
+        return [make_trial(held_speed=speed, stride_frequency=stride) for _ in range(2)]
+
+    class Pool:
+        def trials(self, requests):
+            asked.extend(request.clock for request in requests)
+            return trials(held, 5.6)
+
+    asked: list[PolicyClock] = []
+    locked, free = trials(12.0, 6.25), trials(12.0, 5.6)
+    for runs, clocks in ((locked, CLOCKS[1:]), (free, ())):
+        asked.clear()
+        speed = SpeedResult(top_speed=12.0, self_paced=False, trials=tuple(runs), required=1)
+        audit = audit_race(Pool(), (), speed, replace(speed, self_paced=True), SHORT)
+        assert asked == [clock for clock in clocks for _ in range(2)]
+        assert audit.passed == (passed if clocks else True)

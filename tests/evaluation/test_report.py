@@ -10,9 +10,12 @@ import pytest
 from PIL import Image
 
 from sprintlab.evaluation import figures, report
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.metrics import on_envelope
+from sprintlab.evaluation.report_text import audit_verdict
 from sprintlab.evaluation.results import (
+    AuditItem,
+    AuditReport,
     RaceResult,
     SpeedResult,
     SprintResult,
@@ -90,7 +93,7 @@ def test_the_report_is_one_file_that_loads_nothing_and_says_what_happened(page):
 def test_a_failed_audit_is_marked(race, robot, trial):
     sunk = replace(race, audit=audit_trials([replace(trial.metrics, pad_deflection=0.05)]))
     page = report.render_report(sunk, robot, [])
-    assert "exploit audit FAILED 1 of 14 checks" in page and ">FAIL<" in page
+    assert "exploit audit FAILED 1 of 15 checks" in page and ">FAIL<" in page
     first_screen = page[: page.index('<div class="tiles">')]
     assert "<li>pad deflection 50 mm: at most 15</li>" in first_screen
 
@@ -106,6 +109,22 @@ def test_figures_show_contacts_costs_and_samples_on_the_envelope(trial, robot):
     assert touched[:, 1].all() and not np.delete(touched, 1, axis=1).any()
     still = replace(trial.trajectory, command=np.zeros((5000, 3)))
     assert not on_envelope(still).any()
+
+
+@pytest.mark.parametrize(
+    ("failed", "verdict"),
+    [
+        ((), "passed"),
+        ((CLOCK_ITEM,), "by the clock alone: evaluate --clock-check"),
+        ((CLOCK_ITEM, "smallest leg distance"), "FAILED 2 of 2 checks: do not trust the speeds"),
+    ],
+)
+def test_the_verdict_tells_a_clock_from_an_exploit(failed, verdict):
+    items = [
+        AuditItem(name=name, value=0.0, unit="m", threshold=0.0, passed=name not in failed, note="")
+        for name in (CLOCK_ITEM, "smallest leg distance")
+    ]
+    assert verdict in audit_verdict(AuditReport(items=tuple(items)))
 
 
 def test_what_qualifies_a_speed_stands_in_the_numbers_and_in_the_report(race, robot, trial, make_trial):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.files import atomic_write_json, check_writable_file
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.clock import ClockCheck, check_clock
+from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_protocol
 from sprintlab.evaluation.report_text import audit_failure, battery_text
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult, supply_numbers
@@ -39,6 +42,7 @@ def evaluate(
     top: float = 16.0,
     grid: float = 0.25,
     every_speed: bool = False,
+    clock_check: bool = False,
     drive: DriveOptions = DriveOptions(),
     workers: int | None = None,
     output: Path | str | None = None,
@@ -55,6 +59,7 @@ def evaluate(
         top: highest speed of the search [m/s].
         grid: step between speeds [m/s].
         every_speed: walk the whole grid instead of whole m/s first.
+        clock_check: repeat the highest raw command that passed with other clocks of the policy.
         output: also write the numbers here (JSON).
     """
     if output is not None:
@@ -62,7 +67,7 @@ def evaluate(
     plant, name = drive.plant(), policy_path(policy).stem
     step = first_step(grid, every_speed)
     settings = protocol_settings(trials, seed, start=start, top=top, grid=grid, first_step=step, plant=plant)
-    searches, battery = dict[str, ProtocolResult](), None
+    searches, clocks, battery = dict[str, ProtocolResult](), None, None
     with trial_pool(policy, robot, workers) as pool:
         for way in ("raw", "self_paced"):
 
@@ -74,6 +79,9 @@ def evaluate(
                 pool, self_paced=way == "self_paced", settings=settings, progress=told
             )
         best = searches["raw"].best
+        if best is not None and clock_check:
+            progress("other policy clocks", None)
+            clocks = check_clock(pool, best.top_speed, settings=settings)
         if best is not None and (request := battery_request(best.top_speed, settings)) is not None:
             battery = next(iter(pool.trials([request])))
     numbers: dict[str, Any] = {
@@ -83,6 +91,9 @@ def evaluate(
     if battery is not None:
         numbers["battery"] = json_ready(supply_numbers(battery))
         shown.append(f"on battery, windings warm, raw at the highest command: {battery_text(battery)} m/s")
+    if clocks is not None:
+        numbers["clock_check"] = found = clock_numbers(clocks)
+        shown += [quantities("\nOther policy clocks, raw", found), records("", found["clocks"])]
     found = Drawn(
         numbers=numbers, shown=[*shown, *plant.remarks], found=searches, draw=lambda: _figure(searches)
     )
@@ -107,10 +118,11 @@ def first_step(grid: float, every_speed: bool = False) -> float | None:
 
 def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values: of every command, and of those that stand out."""
-    running = result.running
+    best, running = result.best, result.running
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
     passed = [rows[speed.top_speed] for speed in result.passed]
     clean = [row for row in passed if not row["audit_failed"]]
+    bands = [] if best is None else merge_bands(b for trial in best.completed for b in trial.metrics.estimate)
     return json_ready(
         {
             "max_velocity_m_s": result.mean("held_speed"),
@@ -119,6 +131,7 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "best": passed[-1] if passed else None,
             "fastest": result.fastest and rows[result.fastest.top_speed],
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
+            "estimate": [asdict(band) for band in bands],
             "speeds": list(rows.values()),
         }
     )
@@ -131,7 +144,7 @@ def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
 
 
 def _shown(policy: str, searches: dict[str, dict[str, Any]]) -> Iterator[RenderableType]:
-    """Raw beside self-paced, then every command, and what failed at the best one."""
+    """Raw beside self-paced, then every command, what failed at the best one, errors of the estimate."""
     yield quantities(f"Policy {policy}", *map(_told, searches.values()), names=("raw", "self-paced"))
     for name, search in zip(("raw", "self-paced"), searches.values(), strict=True):
         rows = [
@@ -140,6 +153,9 @@ def _shown(policy: str, searches: dict[str, dict[str, Any]]) -> Iterator[Rendera
         ]
         yield records(f"\nCommands, {name}", rows)
         yield from ((search["best"] or {}).get("audit_failed") or {}).values()
+        if search["estimate"]:
+            title = f"\nEstimate against truth at the highest command passed, {name}: rms errors, SI units"
+            yield records(title, search["estimate"])
 
 
 def _told(search: dict[str, Any]) -> dict[str, Any]:
@@ -170,3 +186,22 @@ def _figure(searches: dict[str, ProtocolResult]) -> Figure:
     axis.set(xlabel="commanded top speed [m/s]", ylabel="held speed [m/s]")
     axis_legend(axis, LIGHT)
     return figure
+
+
+def clock_numbers(check: ClockCheck) -> dict[str, Any]:
+    """JSON-ready numbers of the trials with other clocks; strides are medians over completed ones."""
+    clocks = [
+        {
+            "policy_rate_Hz": item.clock.rate,
+            "period_jitter": item.clock.jitter,
+            "trials": item.trials,
+            "completed": item.completed,
+            "held_speed_m_s": item.held_speed,
+            "stride_frequency_Hz": item.stride_frequency,
+            "policy_steps_per_stride": item.stride_steps,
+            "locked": item.locked,
+        }
+        for item in check.clocks
+    ]
+    shares = {"followed_share": check.followed, "greatest_loss_of_speed": check.greatest_loss}
+    return json_ready({"top_speed_command_m_s": check.top_speed, "clocks": clocks, **shares})

@@ -1,13 +1,15 @@
-"""What comes between a policy and its robot: noise, encoder offsets, delay, pushes."""
+"""What comes between a policy and its robot: the clock, noise, encoder offsets, delay, pushes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from sprintlab.control import Measurement
+from sprintlab.control import POLICY_RATE_HZ, Measurement
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.checks import check_range
 from sprintlab.plant import Plant, TrialSettings
 from sprintlab.robots import RobotDescription
 
@@ -23,6 +25,40 @@ PUSH_INTERVAL = 3.0
 """Mean time between two pushes [s]."""
 
 _FIRST_PUSH = 1.0  # not before the robot is asked to run [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyClock:
+    """When the policy is asked for its next action.
+
+    The policy does not know: its filters and its history go on as if every period were 20 ms.
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    rate: float = POLICY_RATE_HZ  # mean [Hz]
+    jitter: float = 0.0  # half-width of the uniform draw of each period, as a share of the period, to 0.5
+
+    def __post_init__(self) -> None:
+        check_range("clock.rate", self.rate, 10.0, 250.0, "Hz")
+        check_range("clock.jitter", self.jitter, 0.0, 0.5)
+
+    def __str__(self) -> str:
+        return f"{self.rate:g} Hz" + (f" ± {100 * self.jitter:g} % each period" if self.jitter else "")
+
+    def periods(self, motor_rate: float, seed: int) -> Iterator[int]:
+        """Motor steps, at ``motor_rate`` [Hz], from each action to the next, without end.
+
+        Ticks fall on motor steps; what is rounded away at one tick is made up for at the next.
+        """
+        random = np.random.default_rng((seed, 2))
+        due, passed = 0.0, 0
+        while True:
+            due += motor_rate / self.rate * (1.0 + self.jitter * random.uniform(-1.0, 1.0))
+            steps = max(1, round(due) - passed)
+            passed += steps
+            yield steps
 
 
 class Disturbances:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sprintlab.commands.state import GRAVITY
 from sprintlab.core.array_types import FloatArray
+from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
 from sprintlab.motors import WindingHeat, copper_loss, no_load_speed, resistance_factor, saturate, warmed
 from sprintlab.plant import PlantOptions
@@ -81,6 +82,7 @@ def trial_metrics(
         final_speed=math.nan if fell else final_speed(trajectory),
         **_stance_numbers(trajectory, window),
         **({} if finish is None else _line_numbers(trajectory, robot, finish)),
+        estimate=estimate_bands(trajectory),
         **_supply_extremes(trajectory),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
     )

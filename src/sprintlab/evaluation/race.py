@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from sprintlab.control import Policy
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials, with_clock_loss
+from sprintlab.evaluation.clock import check_clock
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed
 from sprintlab.evaluation.reached import require_a_runner
 from sprintlab.evaluation.results import (
+    AuditReport,
     EngineResult,
     RaceResult,
     SpeedResult,
+    SprintResult,
     TrialResult,
 )
 from sprintlab.evaluation.second_engine import engine_requests
@@ -81,7 +84,7 @@ def evaluate_race(
             second = EngineResult(engine=second_engine, sprint=sprint, raw=_speed_result(trials, settings))
         found = _run_all(pool, _requests(top_speed, distance, settings), progress)
         raw, paced = (_speed_result(found[name], settings) for name in ("raw", "self_paced"))
-        every = [*(sprint.trial for sprint in found["sprints"]), *raw.trials, *paced.trials]
+        audit = audit_race(pool, found["sprints"], raw, paced, settings)
     return RaceResult(
         robot=robot.name,
         policy=Path(policy).stem,
@@ -90,7 +93,7 @@ def evaluate_race(
         sprint_self_paced=found["sprints"][1],
         raw=raw,
         self_paced=paced,
-        audit=audit_trials([trial.metrics for trial in every]),
+        audit=audit,
         mass=robot.total_mass,
         wall_time=time.perf_counter() - started,
         battery=next(iter(found["battery"]), None),
@@ -179,6 +182,21 @@ def _run_all(
         found[name].append(result)
         progress("running trials", done / len(names))
     return found
+
+
+def audit_race(
+    pool: TrialPool,
+    sprints: Sequence[SprintResult],
+    raw: SpeedResult,
+    self_paced: SpeedResult,
+    settings: ProtocolSettings,
+) -> AuditReport:
+    """The audit of all trials; where only the policy's clock is left to object to, other clocks decide."""
+    trials = [*(sprint.trial for sprint in sprints), *raw.trials, *self_paced.trials]
+    audit = audit_trials([trial.metrics for trial in trials])
+    if [item.name for item in audit.failed] != [CLOCK_ITEM]:
+        return audit
+    return with_clock_loss(audit, check_clock(pool, raw.top_speed, settings=settings, own=raw.trials).cost)
 
 
 def _speed_result(trials: Sequence[TrialResult], settings: ProtocolSettings) -> SpeedResult:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from sprintlab.commands import heading_angle, in_heading_frame
+from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.motor_steps import MotorSteps
@@ -23,13 +24,15 @@ class Recorder(MotionRecorder):
     Args:
         plant: which has not moved yet.
         capacity: greatest number of samples.
+        estimates: whether ``estimate`` is set at every policy step and shall be kept.
     """
 
-    def __init__(self, plant: Plant, capacity: int) -> None:
+    def __init__(self, plant: Plant, capacity: int, estimates: bool = False) -> None:
         model, robot = plant.model, plant.robot
         self._plant, self._count = plant, 0
         self.command = np.zeros(3)
         self.profile_speed = 0.0
+        self.estimate: FloatArray | None = None
         legs, joints = len(robot.leg_names), (len(robot.joint_names),)
         self._joint_position, self._joint_velocity = plant.joint_addresses
         shapes = [[model.geom(f"{leg}_{name}").id for name in _SHAPES] for leg in robot.leg_names]
@@ -46,6 +49,8 @@ class Recorder(MotionRecorder):
         if plant.supply is not None:
             self._supply = [name for name in _SUPPLY if getattr(plant.supply, name) is not None]
             sizes |= {"bus_voltage": (), **dict.fromkeys(self._supply, joints)}
+        if estimates:
+            sizes["estimate"] = (ESTIMATE_SIZE,)
         self._raw = {name: np.zeros((capacity, *size)) for name, size in sizes.items()}
         self._motor_steps = MotorSteps(plant, capacity * plant.options.record_every)
 
@@ -62,6 +67,8 @@ class Recorder(MotionRecorder):
         raw["time"][index] = data.time
         raw["profile_speed"][index] = self.profile_speed
         raw["command"][index] = self.command
+        if self.estimate is not None:
+            raw["estimate"][index] = self.estimate
         raw["qpos"][index] = data.qpos
         raw["qvel"][index] = data.qvel
         raw["joint_target"][index] = targets

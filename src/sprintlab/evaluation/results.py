@@ -62,6 +62,8 @@ class Trajectory:
     bus_power: Array | None = None  # (T,) what all motors draw from the bus, mean [W]
     gear_torque: Array | None = None  # (T, joints) motor's torque minus rotor inertia times acceleration,
     # the mean over one motor step of greatest magnitude [N m]
+    estimate: Array | None = None  # (T, 8) velocity in the body frame 3 [m/s], base height 1 [m],
+    # probability of foot contact 4; None for a policy without an estimator
     bus_voltage: Array | None = None  # (T,) [V]; None without battery, heat and flux weakening
     winding_temperature: Array | None = None  # (T, joints) [degC]; None without heat
     i2t_level: Array | None = None  # (T, joints) 1 at its limit [-]; None without a limit by I²t
@@ -85,6 +87,20 @@ def require_finite(trajectory: Trajectory) -> None:
             moment = trajectory.time[sample]
             when = f"at {moment:.3f} s" if np.isfinite(moment) else f"in sample {sample}"
             raise SimulationError(f"the trajectory holds a value that is no finite number: {name} {when}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateBand:
+    """Errors of a policy's estimate while the robot really ran at a speed of this band."""
+
+    lower: float  # slowest speed of the band [m/s]
+    upper: float  # fastest speed of the band [m/s]
+    samples: int  # policy steps that count
+    forward_bias: float  # mean of estimated minus true forward velocity [m/s]
+    forward_error: float  # its root mean square [m/s]
+    velocity_error: float  # root mean square of the length of the velocity error, all three axes [m/s]
+    height_error: float  # root mean square [m]
+    contact_accuracy: float  # share of feet and steps at which contact or flight was told rightly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,6 +157,7 @@ class TrialMetrics:
     lane_excursion: float = math.nan  # farthest outer edge of a foot from the middle, up to the finish [m]
     line_winding_temperature: float = math.nan  # hottest winding at the finish of a sprint [degC]; from
     # 25 degC and the currents where heat is off
+    estimate: tuple[EstimateBand, ...] = ()  # by speed; empty for a policy without an estimator
     lowest_bus_voltage: float | None = None  # [V]; None without battery, heat and flux weakening
     hottest_winding: float | None = None  # [degC]; None without heat
     highest_i2t_level: float | None = None  # highest of all joints [-]; None without a limit by I²t

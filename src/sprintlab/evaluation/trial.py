@@ -15,11 +15,11 @@ from sprintlab.commands import (
     heading_command,
     self_paced,
 )
-from sprintlab.control import POLICY_RATE_HZ, Policy, PolicyRuntime
+from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.audit import audit_trials
-from sprintlab.evaluation.disturbances import Disturbances
+from sprintlab.evaluation.disturbances import Disturbances, PolicyClock
 from sprintlab.evaluation.metrics import REST_WINDOW, trial_metrics
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import REST_SPEED, SprintResult, Trajectory, TrialResult
@@ -65,6 +65,7 @@ class TrialRequest:
     distance: float | None = None  # length of a sprint [m]; None runs the stand-rise-hold-fall-stand profile
     hold: float = 10.0  # duration of the profile's hold [s]
     plant: PlantOptions = field(default_factory=PlantOptions)
+    clock: PolicyClock = field(default_factory=PolicyClock)
     keep_trajectory: bool = False  # whether the result carries its arrays
 
     def __post_init__(self) -> None:
@@ -204,10 +205,10 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
     plant = open_plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
-    # The last action's period may reach past the end.
-    longest = course.longest + 2.0 / POLICY_RATE_HZ
-    recorder = Recorder(plant, math.ceil(longest * request.plant.record_rate))
-    period = round(request.plant.motor_rate / POLICY_RATE_HZ)
+    # The last action's period, drawn long, may reach past the end.
+    longest = course.longest + 2.0 / request.clock.rate
+    recorder = Recorder(plant, math.ceil(longest * request.plant.record_rate), estimates=policy.estimates)
+    periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     disturbances = Disturbances(robot, request.settings, request.plant.motor_rate)
     upright = True
     while upright:
@@ -219,6 +220,8 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         speed = float(self_paced(asked, base.forward_speed)) if request.self_paced else asked
         recorder.command = np.array([speed, 0.0, course.steer(base, speed)])
         targets = runtime.step(disturbances.measured(plant.measurement()), recorder.command)
+        recorder.estimate = runtime.last_estimate
+        period = next(periods)
         disturbances.push(plant, period)
         for held, steps in disturbances.delivered(np.asarray(targets, dtype=float), period):
             upright = upright and plant.advance(held, steps, recorder)
@@ -253,6 +256,6 @@ def _trial_result(
         fall_reason=run.fall_reason,
         hold_interval=hold_interval,
         metrics=metrics,
-        audit=audit_trials([metrics]),
+        audit=audit_trials([metrics], request.clock.rate),
         trajectory=run.trajectory if request.keep_trajectory else None,
     )
