@@ -59,7 +59,7 @@ $(BIN)/python:
 # A stamp is written only after its install succeeded, so an interrupted one is taken up again.
 $(VENV)/.race-installed: $(REQUIREMENTS) | $(BIN)/python
 	@echo "installing the base packages into $(VENV)"
-	@$(INSTALL) -e .
+	@$(INSTALL) -e '.[video]'
 	@touch $@
 
 $(VENV)/.docs-installed: $(REQUIREMENTS) | $(BIN)/python
@@ -70,7 +70,7 @@ $(VENV)/.docs-installed: $(REQUIREMENTS) | $(BIN)/python
 # pip compiles on one core, which takes a minute. Some packages bring templates that no Python can compile.
 $(VENV)/.dev-installed: $(REQUIREMENTS) | $(BIN)/python
 	@echo "installing the base, training and test packages into $(VENV)"
-	@$(INSTALL) --no-compile -e '.[dev]'
+	@$(INSTALL) --no-compile -e '.[dev,video]'
 	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	@touch $@ $(VENV)/.race-installed $(VENV)/.docs-installed
 

@@ -139,7 +139,7 @@ def test_options_of_the_drive_turn_on_what_they_name(tmp_path):
     assert (plant.battery, plant.heat, plant.drag_area) == (Battery(series_cells=12), None, 0.0)
 
 
-QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1)
+QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video")
 
 
 def test_nan_in_a_trajectory(call, tmp_path, policy, computed):

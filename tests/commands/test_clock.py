@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sprintlab.commands import SprintProfile, command_start, finish_time
+from sprintlab.commands import SprintProfile, command_start, finish_time, race_clock
 
 TIME = np.arange(0.0, 12.0, 0.002)
 
@@ -11,6 +11,9 @@ TIME = np.arange(0.0, 12.0, 0.002)
 def test_the_clock_leaves_out_the_second_of_standing():
     speed = SprintProfile(top_speed=12.0).command(TIME)
     assert command_start(TIME, speed) == pytest.approx(1.0, abs=0.0021)
+    clock = race_clock(TIME, speed, finish=11.24)
+    assert not clock[TIME <= 1.0].any() and np.all(np.diff(clock) >= 0.0)
+    assert clock[-1] == pytest.approx(10.24, abs=0.0021)
 
 
 def test_the_finish_lies_between_two_samples_or_nowhere():

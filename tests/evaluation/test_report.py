@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sprintlab.evaluation import figures, report
+from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.metrics import on_envelope
+from sprintlab.evaluation.race_files import save_trajectory
 from sprintlab.evaluation.report_text import audit_verdict
 from sprintlab.evaluation.results import (
     AuditItem,
@@ -68,7 +69,7 @@ def race(trial, make_trial):
 @pytest.fixture
 def page(race, robot):
     tiny = report.Picture(name="speed", title="Speed", caption="Look.", png=b"picture")
-    return report.render_report(race, robot, [tiny], facts=[("command", "sprintlab race")])
+    return report.render_report(race, robot, [tiny], [("command", "sprintlab race")], video_message="no GL")
 
 
 def test_every_picture_is_a_png(race, robot):
@@ -85,6 +86,7 @@ def test_the_report_is_one_file_that_loads_nothing_and_says_what_happened(page):
     assert "test &lt;policy&gt;" in page  # escaped
     assert "not finished" in page and "9.00" in page
     assert "1 of 2" in page and "fell at 3.0 s (tilt)" in page
+    assert "no GL" in page and "<video" not in page
     assert "exploit audit passed" in page and "1 must complete" in page
     targets = re.findall(r'href="#([\w-]+)"', page)
     assert targets and all(f'id="{target}"' in page for target in targets)
@@ -92,10 +94,11 @@ def test_the_report_is_one_file_that_loads_nothing_and_says_what_happened(page):
 
 def test_a_failed_audit_is_marked(race, robot, trial):
     sunk = replace(race, audit=audit_trials([replace(trial.metrics, pad_deflection=0.05)]))
-    page = report.render_report(sunk, robot, [])
+    page = report.render_report(sunk, robot, [], video=b"film")
     assert "exploit audit FAILED 1 of 15 checks" in page and ">FAIL<" in page
     first_screen = page[: page.index('<div class="tiles">')]
     assert "<li>pad deflection 50 mm: at most 15</li>" in first_screen
+    assert f"data:video/mp4;base64,{base64.b64encode(b'film').decode()}" in page
 
 
 def test_figures_show_contacts_costs_and_samples_on_the_envelope(trial, robot):
@@ -151,3 +154,26 @@ def test_a_race_of_which_nothing_is_known_has_no_nan_in_its_report(race, robot, 
     unfinished = replace(race.sprint, time=float("nan"))
     lost = replace(race, raw=fallen, self_paced=fallen, sprint=unfinished, sprint_self_paced=unfinished)
     assert "nan" not in report.render_report(lost, robot, [])
+
+
+@pytest.fixture
+def recording(trial, tmp_path):
+    save_trajectory(tmp_path / "run.npz", trial.trajectory)
+    return tmp_path / "run.npz", tmp_path / "run.mp4"
+
+
+def test_what_a_video_lacks_is_said_in_one_line(recording, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
+    monkeypatch.setattr(video, "has_encoder", lambda: True)
+    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_BACKEND
+    assert not recording[1].exists()
+    monkeypatch.setattr(video, "has_encoder", lambda: False)
+    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_ENCODER
+
+
+def test_a_video_is_rendered_where_a_backend_works(trial, recording):
+    if not video.has_encoder() or video.working_gl_backend() is None:
+        pytest.skip("no OpenGL backend or no encoder here")
+    np.savez(recording[0], **{name: values[:60] for name, values in trial.trajectory.arrays().items()})
+    assert video.render_video(*recording, "bp2", 0.05) == ""
+    assert recording[1].read_bytes()[4:8] == b"ftyp"

@@ -7,6 +7,7 @@ import pytest
 
 from sprintlab.control import load_policy
 from sprintlab.evaluation import trial as trial_module
+from sprintlab.evaluation.report_text import sprint_text
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
@@ -91,3 +92,12 @@ def test_who_does_not_stop_has_not_completed(robot, stander, monkeypatch):
     moving = run_trial(stander, robot, request)
     assert not moving.completed
     assert moving.fall_reason == ""
+
+
+def test_a_sprint_of_a_robot_that_gets_nowhere_is_given_up_after_ten_seconds_of_standing(stander, robot):
+    plant = PlantOptions(timestep=0.0005, contact_time_constant=0.001)
+    request = TrialRequest(top_speed=10.0, distance=500.0, plant=plant, keep_trajectory=True)
+    sprint = run_sprint(stander, robot, request)
+    assert sprint.stalled and not sprint.finished
+    assert sprint.trial.trajectory.time[-1] < 11.1
+    assert sprint_text(sprint).startswith("given up: less than 1 m in 10 s")

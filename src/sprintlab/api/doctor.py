@@ -44,7 +44,7 @@ print(f"compiled and run on {device}")
 _COMPILERS = ("gcc", "clang", "cc")
 PACKAGES = {
     "": "numpy mujoco onnxruntime matplotlib", "train": "torch tensorboard", "drake": "drake",
-    "play": "viser", "log": "mcap", "unitree": "cyclonedds", "wandb": "wandb",
+    "play": "viser", "log": "mcap", "unitree": "cyclonedds", "video": "imageio-ffmpeg", "wandb": "wandb",
     "rsl-rl": "rsl-rl-lib", "mjlab": "mjlab",
 }  # fmt: skip
 """The packages that matter, by the extra that brings them."""

@@ -50,6 +50,8 @@ class Race(Drawn):
 
     policy: Path
     robot: RobotDescription
+    table: str
+    """Name, folder or parameter table of the robot."""
 
     def plot(self, figure: str = "speed") -> Figure:
         """One figure of the report, of those in ``FIGURES``. Raises ``InvalidValueError``."""
@@ -59,11 +61,12 @@ class Race(Drawn):
         draw = {name: draw for name, _, _, draw in planned_figures(self.found, self.robot)}
         return in_notebook(draw[figure]())
 
-    def report(self, folder: Path | str | None = None) -> Path:
+    def report(self, folder: Path | str | None = None, *, video: bool = False) -> Path:
         """Write the report's folder: ``report.html``, ``replay.html``, ``result.json``, pictures, arrays.
 
         Args:
             folder: must not exist; ``runs/race-<date>-<time>`` when left out.
+            video: also render an MP4 where that is possible.
 
         Returns:
             The page, ``report.html``.
@@ -72,10 +75,10 @@ class Race(Drawn):
             SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
         with reserved_directory(Path(folder) if folder else default_folder()) as target:
-            self._write(target, silent)
+            self._write(target, video, silent)
         return target / "report.html"
 
-    def _write(self, target: Path, progress: Progress) -> Race:
+    def _write(self, target: Path, video: bool, progress: Progress) -> Race:
         """Write report and replay into a folder; the race, which then names them."""
         from sprintlab.evaluation.race_files import race_facts, write_race
 
@@ -83,12 +86,12 @@ class Race(Drawn):
             progress(what, None)
 
         facts = race_facts(self.policy, self.found, command_line())
-        write_race(target, self.found, self.robot, facts, told)
+        message = write_race(target, self.found, self.robot, self.table, facts, video, told)
         told("writing the replay")
         write_race_replay(target, self.robot)
         files = [f"\nreport: {target / 'report.html'}", f"replay: {target / 'replay.html'}"]
-        numbers = {**self.numbers, "facts": facts, "folder": str(target)}
-        return replace(self, numbers=numbers, shown=[*self.shown, *files])
+        shown = [*self.shown, *files, message or f"video: {target / 'sprint.mp4'}"]
+        return replace(self, numbers={**self.numbers, "facts": facts, "folder": str(target)}, shown=shown)
 
 
 @checked
@@ -103,6 +106,7 @@ def race(
     seed: int = 0,
     output: Path | str | None = None,
     report: bool = False,
+    video: bool = False,
     drive: DriveOptions = DriveOptions(),
     workers: int | None = None,
     progress: Progress = silent,
@@ -117,6 +121,7 @@ def race(
         trials: seeded trials each way of giving the command.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
         report: whether a report is written; always with output.
+        video: whether the report has an MP4, too.
     """
     if top_speed is not None:
         check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
@@ -148,9 +153,10 @@ def race(
             draw=lambda: found.plot(),
             policy=path,
             robot=described,
+            table=str(robot.absolute() if isinstance(robot, Path) else robot or described.name),
         )
         with kept(found):
-            return found if target is None else found._write(target, progress)
+            return found if target is None else found._write(target, video, progress)
 
 
 def _shown(result: RaceResult) -> Iterator[RenderableType]:

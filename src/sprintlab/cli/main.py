@@ -64,7 +64,7 @@ COMMANDS: dict[str, dict[str, Any]] = {
 }
 """The commands by what one wants: the functions' places in ``sprintlab.api``, or subcommands by name."""
 ALL = {name: command for commands in COMMANDS.values() for name, command in commands.items()}
-DEFAULTS = {"races.race": {"report": True}}
+DEFAULTS = {"races.race": {"report": True, "video": True}}
 """Defaults of the command line that are not the function's."""
 SUMMARIES = {
     "": "How fast can a legged robot run before its motors, not its controller, stop it?",

@@ -2,6 +2,7 @@
 
 from sprintlab.commands.clock import command_start as command_start
 from sprintlab.commands.clock import finish_time as finish_time
+from sprintlab.commands.clock import race_clock as race_clock
 from sprintlab.commands.comparators import CurriculumSchedule as CurriculumSchedule
 from sprintlab.commands.comparators import RampedSchedule as RampedSchedule
 from sprintlab.commands.curricula import BoxGrid as BoxGrid

@@ -37,3 +37,15 @@ def finish_time(time: Samples, way: Samples, distance: float) -> float:
         return float("nan")
     share = (distance - way[after - 1]) / (way[after] - way[after - 1])
     return float(time[after - 1] + share * (time[after] - time[after - 1]))
+
+
+def race_clock(time: Samples, command: Samples, finish: float) -> Samples:
+    """What a stopwatch shows at every sample ``(T,)`` [s]: from the first command to the finish.
+
+    Args:
+        time: time of every sample ``(T,)`` [s], rising.
+        command: as for ``command_start``.
+        finish: moment at which the distance was reached, or the last sample's [s].
+    """
+    start = command_start(time, command)
+    return np.clip(time, start, max(finish, start)) - start

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import platform
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
 
@@ -26,36 +27,48 @@ from sprintlab.evaluation.report import (
     representative,
 )
 from sprintlab.evaluation.results import RaceResult, Trajectory
+from sprintlab.evaluation.video import render_video
 from sprintlab.robots import RobotDescription
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 _LONGEST_FACT = 2000  # characters
+VIDEO_LEFT_OUT = "no video: it was not asked for"
 
 
 def write_race(
     target: Path,
     result: RaceResult,
     robot: RobotDescription,
+    table: str,
     facts: dict[str, str],
+    video: bool,
     progress: Progress = lambda _: None,
-) -> None:
-    """Write the report of a race.
+) -> str:
+    """Write the report of a race; returns one line that says why it has no video, empty where it has one.
 
-    ``reserved_directory`` keeps the target free; the facts are those of ``race_facts``.
+    ``reserved_directory`` keeps the target free; ``table`` is the robot's name or the path of its parameter
+    table; the facts are those of ``race_facts``.
 
     Raises:
         SprintlabError: the disk is full; nothing half-written is left.
     """
-    with atomic_directory(target) as folder:
-        save_trajectory(folder / "trajectory.npz", recorded(result.sprint.trial))
+    with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
+        sprint, recording, film = result.sprint.trial, folder / "trajectory.npz", folder / "sprint.mp4"
+        save_trajectory(recording, recorded(sprint))
+        shot = (recording, film, table, sprint.hold_interval[1])
+        rendering = background.submit(render_video, *shot) if video else None
         save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
         plan = planned_figures(result, robot)
         pictures = draw_pictures(plan, lambda title: progress(f"drawing: {title.lower()}"))
         for picture in pictures:
             atomic_write_bytes(folder / f"{picture.name}.png", picture.png)
         atomic_write_json(folder / "result.json", {**result.to_dict(), "facts": facts})
-        html = render_report(result, robot, pictures, list(facts.items()), replay="replay.html")
+        progress("rendering the video")
+        message = rendering.result() if rendering else VIDEO_LEFT_OUT
+        mp4, rows = None if message else film.read_bytes(), list(facts.items())
+        html = render_report(result, robot, pictures, rows, mp4, message, replay="replay.html")
         atomic_write_text(folder / "report.html", html)
+    return message
 
 
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:

@@ -88,12 +88,15 @@ def render_report(
     robot: RobotDescription,
     pictures: Sequence[Picture],
     facts: Sequence[tuple[str, str]] = (),
+    video: bytes | None = None,
+    video_message: str = "",
     replay: str = "",
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere.
 
-    ``facts`` are pairs of name and value that say how to repeat it; ``replay`` is the name of the interactive
-    page beside the report, to which there is no link when it is left out.
+    ``facts`` are pairs of name and value that say how to repeat it; ``video`` is an MP4, in whose place the
+    message stands; ``replay`` is the name of the interactive page beside the report, to which there is no
+    link when it is left out.
     """
     fault = engine_fault(result)
     return page_template("report.html.j2").render(
@@ -114,6 +117,8 @@ def render_report(
         trials=list(_trial_rows(result)),
         method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
         repeat=[*facts, *(("note", note) for note in result.notes)],
+        video=None if video is None else _base64(video),
+        video_message=video_message,
         replay=replay,
     )
 
@@ -177,9 +182,13 @@ def page_template(name: str) -> Template:
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined).get_template(name)
 
 
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
 def embedded(picture: Picture) -> dict[str, str]:
     """A picture as the templates take it."""
-    return {**vars(picture), "png": base64.b64encode(picture.png).decode("ascii")}
+    return {**vars(picture), "png": _base64(picture.png)}
 
 
 def _tiles(result: RaceResult) -> Iterator[tuple[str, str, str]]:

@@ -21,6 +21,7 @@ from sprintlab.evaluation.results import (
     TrialResult,
 )
 from sprintlab.evaluation.second_engine import ENGINE_NAMES, ENGINE_STEPS, mark
+from sprintlab.evaluation.trial import STALL_DISTANCE, STALL_TIME
 from sprintlab.robots import RobotDescription
 
 LANE_MARK = "left its lane"
@@ -29,6 +30,9 @@ LANE_MARK = "left its lane"
 
 def sprint_text(sprint: SprintResult) -> str:
     """Time of a sprint with the mark of a lane that was left, or the reason that it did not finish."""
+    if sprint.stalled:
+        reached = sprint.trial.metrics.distance
+        return f"given up: less than {STALL_DISTANCE:g} m in {STALL_TIME:g} s, {reached:.1f} m from the start"
     if not sprint.finished:
         return "not finished"
     return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)

@@ -337,6 +337,7 @@ class SprintResult:
     distance: float  # to run [m]
     time: float  # from the first non-zero command to the base's last metre [s]; nan when not reached
     trial: TrialResult
+    stalled: bool = False  # given up because the robot got nowhere
 
     @property
     def finished(self) -> bool:

@@ -32,6 +32,8 @@ LONGEST_SPRINT = 3600.0
 """Longest time that a sprint may take; it is kept in memory [s]."""
 SLOWEST_SHARE = 0.25
 """A sprint that is slower than this share of its command is given up."""
+STALL_TIME, STALL_DISTANCE = 10.0, 1.0
+"""A sprint is given up when the robot comes no farther than this distance [m] in this time [s]."""
 
 
 def check_top_speed(field: str, top_speed: float) -> None:
@@ -122,6 +124,9 @@ class SprintCourse(Course):
         self.profile, self.distance, self._rest, self._slowest = profile, distance, rest, slowest_share
         self.finish_time: float | None = None
         """When the distance was run [s]."""
+        self.stalled = False
+        """Whether the robot got nowhere."""
+        self._mark = (0.0, 0.0)  # time [s] and distance [m] of progress
 
     @property
     def latest_finish(self) -> float:
@@ -141,11 +146,22 @@ class SprintCourse(Course):
     def speed(self, time: float, base: BaseState) -> float | None:
         """Commanded speed [m/s]; ``None`` at the end."""
         run, end = self.run_distance(base), self.latest_finish
+        self.stalled = self.stalled or self._stands(time, run)
+        if self.stalled:
+            return None
         if self.finish_time is None and run >= self.distance:
             self.finish_time = time
         if self.finish_time is not None:
             end = self.profile.end_time(self.finish_time) + self._rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
+
+    def _stands(self, time: float, run: float) -> bool:
+        """Whether the robot has got nowhere for too long."""
+        since, reached = self._mark
+        if time <= self.profile.stand or run >= reached + STALL_DISTANCE or self.finish_time is not None:
+            self._mark = time, run
+            return False
+        return time - since > STALL_TIME
 
 
 def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) -> TrialResult:
@@ -184,7 +200,7 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(moved.time[-1])
     trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
-    return SprintResult(distance=distance, time=finish - start, trial=trial)
+    return SprintResult(distance=distance, time=finish - start, trial=trial, stalled=course.stalled)
 
 
 @dataclass(frozen=True, kw_only=True)
