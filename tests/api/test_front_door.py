@@ -106,13 +106,3 @@ def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
     assert "<iframe srcdoc=" in sl.replay([names["page"].parent])._repr_mimebundle_()["text/html"]
     assert names["settings"].reward["progress"].weight == 2.0
     assert names["run"].policy.is_file() and names["run"].to_dict()["iterations"] == 2
-
-
-def test_a_notebook_shows_a_result_once(monkeypatch):
-    """Rich shows whatever is printed in a notebook at once, also on a console that only keeps it."""
-    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
-    shown = []
-    monkeypatch.setattr("rich.jupyter.display", lambda segments, text: shown.append(text))
-    found = sl.policies()
-    assert "sprint" in str(found) and "sprint" in found._repr_mimebundle_()["text/html"]
-    assert shown == []

@@ -5,9 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from sprintlab.api import perturbations
-from sprintlab.evaluation.sweep import Run
-
 
 @pytest.mark.usefixtures("short_trials")
 def test_turning_is_mapped(call, policy, tmp_path, monkeypatch):
@@ -28,26 +25,6 @@ def test_a_lap_leaves_its_recording(call, policy, tmp_path, monkeypatch):
     assert f"sprintlab replay {recording}" in " ".join(outcome.out.split())
     with np.load(recording) as arrays:
         assert {"time", "qpos", "command"} <= set(arrays)
-
-
-def test_one_line_a_ground(call, policy, monkeypatch):
-    def measured(pool, cases, progress):
-        speeds = {"level": 10.0, "uphill": 8.0, "downhill": 10.4, "rough": None}
-        return [
-            Run(group=name, seed=seed, fall_reason="" if speed else "tilt", fall_time_s=None,
-                held_speed_m_s=speed, distance_m=0.0)
-            for name, speed in speeds.items() for seed in range(2)
-        ]  # fmt: skip
-
-    monkeypatch.setattr(perturbations, "run_cases", measured)
-    words = ("ground", policy, "--trials", 2, "--slope", 0.1, "--workers", 1)
-    lines = [line.split() for line in call(*words).out.splitlines()]
-    assert ["top", "speed", "command", "10", "m/s"] in lines and ["slope", "0.1"] in lines
-    assert ["uphill", "2", "2", "8", "-0.2", "no"] in lines
-    assert ["downhill", "2", "2", "10.4", "0.04", "yes"] in lines
-    assert ["rough", "2", "0", "tilt,", "tilt", "-", "-", "no"] in lines
-    rows = json.loads(call(*words, "--json").out)["grounds"]
-    assert rows[1]["change"] == pytest.approx(-0.2) and rows[3]["held_speed_m_s"] is None
 
 
 @pytest.mark.usefixtures("brief_trials")

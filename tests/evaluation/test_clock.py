@@ -2,7 +2,6 @@
 
 import pytest
 
-from sprintlab.api.evaluations import clock_numbers
 from sprintlab.evaluation.clock import CLOCKS, ClockCheck, clock_trials
 
 
@@ -24,12 +23,3 @@ def test_the_check_tells_a_locked_gait_from_one_that_keeps_its_own_time(gait):
     )
     assert not any(item.locked for item in free.clocks) and free.followed == pytest.approx(0.0, abs=1e-9)
     assert free.cost == free.greatest_loss == pytest.approx(0.04)  # 48 Hz
-
-
-def test_falls_and_undefined_numbers_are_told(gait):
-    clocks = [gait(CLOCKS[0], 6.7), gait(CLOCKS[1], 6.7, falls=1), gait(CLOCKS[2], 6.7, falls=10)]
-    check = ClockCheck(top_speed=12.0, clocks=tuple(clocks))
-    numbers = clock_numbers(check)
-    assert [item["completed"] for item in numbers["clocks"]] == [10, 9, 0]
-    assert numbers["clocks"][2]["held_speed_m_s"] is None and numbers["greatest_loss_of_speed"] is None
-    assert check.cost == 1.0

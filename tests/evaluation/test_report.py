@@ -10,13 +10,10 @@ import pytest
 from PIL import Image
 
 from sprintlab.evaluation import figures, report, video
-from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
+from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.metrics import on_envelope
 from sprintlab.evaluation.race_files import save_trajectory
-from sprintlab.evaluation.report_text import audit_verdict
 from sprintlab.evaluation.results import (
-    AuditItem,
-    AuditReport,
     RaceResult,
     SpeedResult,
     SprintResult,
@@ -114,22 +111,6 @@ def test_figures_show_contacts_costs_and_samples_on_the_envelope(trial, robot):
     assert not on_envelope(still).any()
 
 
-@pytest.mark.parametrize(
-    ("failed", "verdict"),
-    [
-        ((), "passed"),
-        ((CLOCK_ITEM,), "by the clock alone: evaluate --clock-check"),
-        ((CLOCK_ITEM, "smallest leg distance"), "FAILED 2 of 2 checks: do not trust the speeds"),
-    ],
-)
-def test_the_verdict_tells_a_clock_from_an_exploit(failed, verdict):
-    items = [
-        AuditItem(name=name, value=0.0, unit="m", threshold=0.0, passed=name not in failed, note="")
-        for name in (CLOCK_ITEM, "smallest leg distance")
-    ]
-    assert verdict in audit_verdict(AuditReport(items=tuple(items)))
-
-
 def test_what_qualifies_a_speed_stands_in_the_numbers_and_in_the_report(race, robot, trial, make_trial):
     def but(**values):
         return replace(trial, metrics=replace(trial.metrics, **values))
@@ -160,15 +141,6 @@ def test_a_race_of_which_nothing_is_known_has_no_nan_in_its_report(race, robot, 
 def recording(trial, tmp_path):
     save_trajectory(tmp_path / "run.npz", trial.trajectory)
     return tmp_path / "run.npz", tmp_path / "run.mp4"
-
-
-def test_what_a_video_lacks_is_said_in_one_line(recording, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    monkeypatch.setattr(video, "has_encoder", lambda: True)
-    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_BACKEND
-    assert not recording[1].exists()
-    monkeypatch.setattr(video, "has_encoder", lambda: False)
-    assert video.render_video(*recording, "bp2", 7.0) == video.INSTALL_ENCODER
 
 
 def test_a_video_is_rendered_where_a_backend_works(trial, recording):

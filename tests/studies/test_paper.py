@@ -145,7 +145,6 @@ def test_a_policy_runs_once_at_each_place(policy, tmp_path, monkeypatch):
     shutil.copy(policy, folder / "policy.onnx")
     words = ["evaluate", str(tmp_path / "runs"), "--results", str(tmp_path / "results"), "--workers", "1"]
     words += ["--trials", "1", "--start", "0.5", "--top", "0.5", "--places"]
-    monkeypatch.setattr("studies.paper.evaluate._fastest", lambda *_: None)  # its 100 m take minutes to stand
     assert main([*words, "bp2"]) == 0
     assert main([*words, "bp2", "bp2-weak"]) == 0
     ((found,),) = read_runs(tmp_path / "results").values()
