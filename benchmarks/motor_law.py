@@ -5,6 +5,7 @@ python benchmarks/motor_law.py
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import statistics
@@ -32,6 +33,7 @@ def median_seconds(model: str) -> float:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     found = {
         "python": platform.python_version(),
         "machine": platform.machine(),

@@ -8,6 +8,8 @@ tried anew by every ``sprintlab run`` that names no top speed.
 
 from __future__ import annotations
 
+import argparse
+
 from sprintlab.api.clearance import STORED_SPEEDS, TRIED_SPEEDS, cleared_speed
 from sprintlab.control import load_policy
 from sprintlab.control.policy import shipped_policies
@@ -17,6 +19,7 @@ from sprintlab.robots import load_robot
 
 def main() -> None:
     """Write ``cleared_speeds.json``."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     speeds = {}
     for name, path in shipped_policies().items():
         policy = load_policy(path)

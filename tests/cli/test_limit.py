@@ -18,4 +18,4 @@ def test_the_limit_as_json_with_a_picture_and_as_a_table(call, tmp_path, monkeyp
     assert 12.0 < answer["speed_limit_m_s"] < 15.0 and answer["stride"]["duty"] < 0.2
     assert answer["limit_without"] == [] and answer["cause"] is None
     assert figure.read_bytes().startswith(b"\x89PNG")
-    assert "Speed limit (upper estimate)" in call(*words).out
+    assert "Speed limit (estimate)" in call(*words).out

@@ -22,8 +22,10 @@ def test_what_is_typed_arrives_as_the_function_takes_it(call):
     assert given["drive"].battery and not given["drive"].heat
     _, given = parse(["sweep", "runs", "--methods", "acs", "baseline", "--set", "a=1", "--set", "b=2"])
     assert (given["methods"], given["set"]) == (("acs", "baseline"), ("a=1", "b=2"))
-    missing = call("export")
+    missing, wrong = call("export"), call("race", "--top-speed", "fast")
     assert missing.status == 2 and "required" in missing.err
+    assert wrong.status == 2 and "could not convert string to float" in wrong.err
+    assert "NoneType" not in wrong.err
 
 
 def test_a_result_is_printed_also_where_its_file_cannot_be_written(capsys):
@@ -103,9 +105,12 @@ def test_an_interruption_ends_with_130(call, monkeypatch):
 
 
 def test_progress_is_told_where_stderr_is_not_a_terminal(monkeypatch, capsys):
-    monkeypatch.setattr("sprintlab.cli.output.LINE_SECONDS", 0.0)
+    monkeypatch.setattr("sprintlab.cli.output.time.monotonic", iter((0.0, 10.0, 20.0, 40.0)).__next__)
     with progress_bar() as report:
-        report("running trials", 0.5)
+        report("sprint 1 of 4", 0.25)
+        report("sprint 2 of 4", 0.5)
+        report("drawing", None)
     with progress_bar(quiet=True) as report:
         report("in silence", 0.5)
-    assert capsys.readouterr().err == "running trials: 50 %, about 0 s left\n"
+    lines = ["sprint 1 of 4: 25 %, about 30 s left", "sprint 2 of 4: 50 %, about 20 s left", "drawing"]
+    assert capsys.readouterr().err.splitlines() == lines

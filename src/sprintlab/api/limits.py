@@ -21,7 +21,7 @@ from sprintlab.robots import JointMotors, load_robot, robot_motors, robot_names
 
 UNITS = {
     "frequency": "Hz", "step": "m", "peak_force": "body weights", "positive_power": "W", "copper_loss": "W",
-    "mechanical_power": "W", "envelope_power": "W", "duration": "s", "speed": "m/s", "slip": "m",
+    "mechanical_power": "W", "envelope_power": "W", "hottest_loss": "W", "duration": "s", "speed": "m/s", "slip": "m",
     "stance": "s",
 }  # fmt: skip
 """Units of a stride's and a rollout's numbers by their names."""
@@ -63,7 +63,7 @@ def limit(
         "limit_without": [asdict(item) for item in found.lifted],
         "sensitivities": [asdict(item) for item in found.sensitivities],
     }
-    shown: list[RenderableType] = [quantities("Speed limit (upper estimate)", numbers, units=UNITS)]
+    shown: list[RenderableType] = [quantities("Speed limit (estimate)", numbers, units=UNITS)]
     for title in ("limit_without", "sensitivities"):
         if numbers[title]:
             shown.append(records(f"\n{title.replace('_', ' ')}, speeds in m/s", numbers[title]))

@@ -172,7 +172,8 @@ def train(
         remark("three trials in the plant tell what the policy reached")
         told = {name: numbers[name] for name in _SHOWN if name in numbers}
         shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]
-        shown += what_was_reached(folder, chosen.robot)
+        trained = read_checkpoint(folder / "checkpoint.pt")["settings"]  # a resumed run keeps its own
+        shown += what_was_reached(folder, trained.robot)
     return Training(numbers=numbers, shown=shown, folder=folder)
 
 

@@ -84,6 +84,24 @@ _FIGURE = Annotated[Path | None, tyro.conf.arg(help="picture to draw (.png, .pdf
 _JSON = Annotated[bool, tyro.conf.arg(help="print JSON only.")]
 
 
+_REGISTRY = tyro.constructors.ConstructorRegistry()
+
+
+@_REGISTRY.primitive_rule
+def _optional(info: tyro.constructors.PrimitiveTypeInfo) -> Any:
+    """How ``kind | None`` is read: only ``kind`` can be typed, and help and refusals name nothing else."""
+    kind = next((each for each in (str, int, float, Path) if info.type == each | None), None)
+    if kind is None:
+        return None
+    return tyro.constructors.PrimitiveConstructorSpec[Any](
+        nargs=1,
+        metavar=kind.__name__.upper(),
+        instance_from_str=lambda words: kind(words[0]),
+        is_instance=lambda value: value is None or isinstance(value, kind),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
 def declared(command: str) -> ast.FunctionDef:
     """The function of a command as its source declares it; nothing that it works with is imported."""
     module, _, name = command.partition(".")
@@ -213,7 +231,7 @@ def parse(arguments: Sequence[str]) -> tuple[Callable[..., Result], dict[str, An
             raise SprintlabError(f"there is no command {printable(words[0])}: {hint}")
         named.append(words.pop(0))
         level = level[named[-1]]
-    found = tyro.cli(typed(level), prog=" ".join(named), args=words, config=_CONFIG)
+    found = tyro.cli(typed(level), prog=" ".join(named), args=words, config=_CONFIG, registry=_REGISTRY)
     module, _, name = level.partition(".")
     return getattr(import_module(f"sprintlab.api.{module}"), name), vars(found)
 
@@ -233,7 +251,7 @@ def completion(arguments: Sequence[str]) -> None:
         )
         return Union[tuple(kinds)]  # noqa: UP007 (a tuple cannot be joined with |)
 
-    tyro.cli(union(ALL), prog="sprintlab", args=list(arguments), config=_CONFIG)
+    tyro.cli(union(ALL), prog="sprintlab", args=list(arguments), config=_CONFIG, registry=_REGISTRY)
 
 
 def run_words(arguments: Sequence[str]) -> int:

@@ -86,14 +86,15 @@ class _LinesOfProgress:
     """Progress as lines: what is being done, the share done, and about how long the rest takes."""
 
     def __init__(self, console: Console) -> None:
-        self._console, self._what = console, ""
+        self._console, self._share = console, 0.0
         self._begun = self._shown = time.monotonic()
 
     def __call__(self, what: str, share: float | None) -> None:
         """Print a line unless the last one is younger than ``LINE_SECONDS``."""
         now = time.monotonic()
-        if what != self._what:
-            self._what, self._begun = what, now
+        if share is None or share < self._share:  # another piece of work begins
+            self._begun = now
+        self._share = share or 0.0
         if now - self._shown < LINE_SECONDS:
             return
         self._shown = now

@@ -79,7 +79,7 @@ class SpeedLimit:
     """The whole answer."""
 
     robot: str  # its name
-    speed: float  # upper estimate of the top speed [m/s]
+    speed: float  # estimate of the top speed [m/s]
     # what stops the robot: the limit whose absence lets it run fastest; None where none was lifted
     cause: str | None
     facts: StrideFacts  # facts of the fastest stride

@@ -174,7 +174,9 @@ def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
         own = error.field.removeprefix(f"{place.rpartition('.')[2]}.")
         raise InvalidValueError(f"{place}.{own}".lstrip("."), error.value, error.allowed) from error
     except TypeError as error:  # a field without default is missing
-        raise InvalidValueError(place, dict(values), f"must say all of {', '.join(known)}") from error
+        needed = ", ".join(field.name for field in fields(kind) if field.default is field.default_factory)
+        allowed = f"there is none of this name to change, and a new one must say {needed}"
+        raise InvalidValueError(place, dict(values), allowed) from error
 
 
 def _chosen_class(known: Sequence[Any], values: Mapping[str, Any], place: str) -> Any:
