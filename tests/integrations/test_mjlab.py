@@ -121,16 +121,6 @@ def test_groups_with_different_motors_fuse_into_one_law_which_is_that_of_the_mot
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-@pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_nothing_in_the_law_waits_for_the_device(build, model):
-    """Tensors on the meta device hold no numbers: whoever asked for one would fail."""
-    actuator = build(model=model)
-    params = {name: getattr(actuator, name).to("meta") for name in actuator.param_names}
-    command = random_command(2)
-    empty = ActuatorCmd(**{name: value.to("meta") for name, value in vars(command).items()})
-    assert type(actuator).control_law(params, empty).shape == (ENVIRONMENTS, 2)
-
-
 def test_each_joint_has_the_motor_of_its_name(build):
     """In the order of mjlab's joints, not in that of the motors."""
     strong = motor(peak_torque=8.0, rotor_inertia=3e-4)

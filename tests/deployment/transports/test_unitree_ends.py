@@ -177,10 +177,3 @@ def test_a_controller_without_a_robot_is_told_so(address, monkeypatch):
     monkeypatch.setattr(unitree_dds, "_PATIENCE", 0.1)
     with pytest.raises(SprintlabError, match="no robot publishes rt/lowstate"):
         open_bus(address)
-
-
-@pytest.mark.parametrize("place", ["lo:x", "lo:231", "no-such-interface:230"])
-def test_an_unknown_interface_or_domain_is_refused(place):
-    pytest.importorskip("cyclonedds")
-    with pytest.raises(SprintlabError, match=r"DDS domain"):
-        open_endpoint(f"unitree://go2@{place}")
