@@ -21,8 +21,8 @@ from sprintlab.robots import JointMotors, load_robot, robot_motors, robot_names
 
 UNITS = {
     "frequency": "Hz", "step": "m", "peak_force": "body weights", "positive_power": "W", "copper_loss": "W",
-    "mechanical_power": "W", "envelope_power": "W", "hottest_loss": "W", "duration": "s", "speed": "m/s", "slip": "m",
-    "stance": "s",
+    "mechanical_power": "W", "envelope_power": "W", "hottest_loss": "W", "duration": "s", "speed": "m/s",
+    "slip": "m", "stance": "s",
 }  # fmt: skip
 """Units of a stride's and a rollout's numbers by their names."""
 
