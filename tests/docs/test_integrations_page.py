@@ -1,5 +1,6 @@
 """The snippets of docs/integrations.md, each run where what it needs is installed."""
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -71,3 +72,27 @@ def test_mjlab_configuration_builds():
     joints = ["FR_hip_joint", "FL_calf_joint"]
     assert own.motors.parameters(joints)["gear_ratio"] == pytest.approx([6.0, 9.0], rel=0.1)
     assert len([line for line in snippet("mjlab").splitlines() if line]) <= 12
+
+
+def test_newton_builds_the_pages_model():
+    newton = pytest.importorskip("newton", reason="needs Newton 1.8")
+    if not hasattr(newton, "ModelBuilder"):
+        pytest.skip("needs Newton 1.8")
+    gears = [
+        ratio
+        for actuator in run("Newton")["model"].actuators
+        for ratio in actuator.clamping[0].gear_ratio.numpy()
+    ]
+    assert gears == pytest.approx([6.0, 9.0], rel=0.1)
+
+
+def test_isaac_lab_builds_the_pages_group():
+    if importlib.util.find_spec("isaaclab") is None:
+        pytest.skip("needs Isaac Lab 3; tests/integrations/test_isaaclab.py has doubles of it")
+    legs = run("Isaac Lab")["legs"]
+    assert legs.armature["FL_calf_joint"] > legs.armature["FL_hip_joint"]
+
+
+def test_playground_steps_the_pages_model():
+    pytest.importorskip("jax", reason="needs JAX; tests/integrations/test_playground.py has doubles of it")
+    assert 0.0 < float(run("MuJoCo Playground")["data"].qpos[0]) < 0.5

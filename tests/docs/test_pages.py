@@ -1,4 +1,4 @@
-"""Links of README and pages lead somewhere, and their tables hold the committed results."""
+"""README and pages render on any forge, lead somewhere, and their tables hold the committed results."""
 
 import re
 from pathlib import Path
@@ -8,10 +8,32 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^ *```.*?^ *```", re.MULTILINE | re.DOTALL)
+MOST_NUMBERS = 8
+"""In one paragraph or list item: more belong into a table."""
+SITE_ONLY = re.compile(r'^\s*(!!!|\?\?\?|===|--8<--|\{\{)|\{ ?\.\w+ ?\}|markdown="', re.MULTILINE)
+NUMBER = re.compile(r"(?<![\w.\-])[-−±]?\d+(?:[.,]\d+)*(?!\w)")
 
 
 def read(page):
     return page.read_text(encoding="utf-8")
+
+
+def paragraphs(page):
+    """Running text, list items apart; without code, formulas, tables, headings, targets and comments."""
+    text = FENCE.sub("", read(page))
+    text = re.sub(
+        r"\$\$.*?\$\$|\$[^$\n]+\$|`[^`]*`|<!--.*?-->|\]\([^)]*\)|<[^>]+>", "", text, flags=re.DOTALL
+    )
+    blocks = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text)
+    return [block for block in blocks if not re.match(r"\s*[|#]", block)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_are_plain_markdown_and_no_paragraph_is_a_table_in_disguise(page):
+    assert not (found := SITE_ONLY.search(FENCE.sub("", read(page)))), found
+    for block in paragraphs(page):
+        numbers = NUMBER.findall(block)
+        assert len(numbers) <= MOST_NUMBERS, f"{len(numbers)} numbers in: {block.strip()}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
