@@ -179,7 +179,7 @@ def help_text(names):
     return ""
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/motors.md", "docs/train.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/motors.md", "docs/speed-limit.md", "docs/train.md"])
 def test_python_of_the_pages_runs(page, workplace, monkeypatch):
     monkeypatch.chdir(workplace)
     found = blocks(ROOT / page, "python")
