@@ -175,7 +175,7 @@ def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
         raise InvalidValueError(f"{place}.{own}".lstrip("."), error.value, error.allowed) from error
     except TypeError as error:  # a field without default is missing
         needed = ", ".join(field.name for field in fields(kind) if field.default is field.default_factory)
-        allowed = f"there is none of this name to change, and a new one must say {needed}"
+        allowed = f"no setting has this name; a new term must say {needed}"
         raise InvalidValueError(place, dict(values), allowed) from error
 
 
