@@ -51,7 +51,7 @@ class TargetSampling:
     top_fraction: float = 0.25  # the top of the range is [(1 - top_fraction) upper, upper]
     zero_share: float = 0.1  # share of the speed targets that are exactly zero
     backward_share: float = 0.0  # share of the speed targets drawn from the backward end of the range
-    slow_share: float = 0.0  # share of the speed targets drawn from its bottom, [0, top_fraction upper]
+    slow_share: float = 0.0  # share of the speed targets in [0, top_fraction upper], the bottom
     yaw_share: float = 0.5  # share of the draws with a yaw-rate target; the others are straight
     yaw_limit: float = 1.0  # greatest yaw-rate target [rad/s]
     turn_share: float = 1.0
