@@ -36,7 +36,7 @@ from sprintlab.training.settings import ExamSettings, TrainingSettings
 
 IMPORTED = time.perf_counter()
 ITERATIONS = 4
-"""Of the two trainings that are compared; every second one has an exam."""
+"""Iterations of the two trainings that are compared; every second one has an exam."""
 PACKAGES = ("sprintlab", "torch", "mujoco", "numpy")
 
 

@@ -41,7 +41,7 @@ class Jump(NamedTuple):
     height: float
     """Greatest rise of the trunk above where it stands [m]."""
     speed: FloatArray
-    """Of the joints [rad/s] ``(n, joints)``."""
+    """Velocities of the joints [rad/s] ``(n, joints)``."""
     asked: FloatArray
     """Torque of the PD loop [N m] ``(n, joints)``."""
     delivered: FloatArray

@@ -51,7 +51,7 @@ class Motion(Protocol):
 
     @property
     def speed(self) -> FloatArray:
-        """Of the joints [rad/s] ``(n, joints)``."""
+        """Velocities of the joints [rad/s] ``(n, joints)``."""
         ...
 
     @property
@@ -73,7 +73,7 @@ class Walk(NamedTuple):
     lowest: float
     """Least height of the trunk [m]."""
     speed: FloatArray
-    """Of the joints [rad/s] ``(n, joints)``."""
+    """Velocities of the joints [rad/s] ``(n, joints)``."""
     asked: FloatArray
     """Torque of the PD loop [N m] ``(n, joints)``."""
     delivered: FloatArray

@@ -118,7 +118,7 @@ def robot() -> RobotDescription:
 
 @pytest.fixture(scope="session")
 def contract(robot: RobotDescription) -> PolicyContract:
-    """Of a policy without estimator."""
+    """The contract of a policy without estimator."""
     training = TrainingRecord(
         method="test",
         actuator_model="refined",

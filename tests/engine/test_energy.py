@@ -39,7 +39,7 @@ class Ledger:
         return float(self.data.energy.sum())
 
     def powers(self, place: np.ndarray, before: np.ndarray, middle: np.ndarray) -> list[float]:
-        """Of motors, joints, viscous friction, air and ground in the step that has just been taken."""
+        """Powers of motors, joints, viscous friction, air and ground in the last step [W]."""
         position, velocity, robot = place[self.places], before[self.dofs], self.robot
         stops = soft_stop_torque(position, velocity, robot.position_limits, robot.soft_stop)
         dry = stops - robot.dry_friction * np.tanh(velocity / 0.2)

@@ -14,7 +14,7 @@ def test_the_middle_half_counts():
 
 
 def test_the_interval_covers_the_mean_as_often_as_it_says():
-    """Of 5 normal seeds the percentile bootstrap covers less than 95 %, but far more than half."""
+    """With 5 normal seeds the percentile bootstrap covers less than 95 %, but far more than half."""
     random = np.random.default_rng(1)
     found = [interquartile_mean(random.normal(10.0, 1.0, 5).tolist()) for _ in range(60)]
     covered = sum(one.low <= 10.0 <= one.high for one in found)

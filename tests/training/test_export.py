@@ -25,7 +25,7 @@ SETTINGS = small_settings(environments=16, steps=4, hidden=(32, 16))
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of a policy that has not learned anything yet."""
+    """The checkpoint of a policy that has not learned anything yet."""
     runner = Runner(SETTINGS, "cpu", "sprintlab train --method acs")
     path = tmp_path_factory.mktemp("training") / "model.pt"
     runner.save(path)

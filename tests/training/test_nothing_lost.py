@@ -74,7 +74,7 @@ def finish(child: int) -> int:
 
 
 def iterations(folder: Path) -> list[int]:
-    """Of the rows of a log."""
+    """The iterations that a log has."""
     return [json.loads(line)["iteration"] for line in (folder / "log.jsonl").read_text().splitlines()]
 
 

@@ -28,7 +28,7 @@ SETTINGS = small_settings(environments=16, steps=4, hidden=(32, 16))
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of a run of two iterations."""
+    """The checkpoint of a run of two iterations."""
     runner = Runner(SETTINGS, "cpu", "sprintlab train --method acs")
     runner.iterate()
     runner.iterate()

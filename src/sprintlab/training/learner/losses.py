@@ -110,8 +110,10 @@ class PolicyBatch(NamedTuple):
 
 
 def precision_of(settings: PpoSettings) -> torch.dtype:
-    """Of the products in policy and critic, in rollout and update alike: the likelihood ratio then compares
-    policies, not number formats."""
+    """Number format of the products in policy and critic.
+
+    Rollout and update have the same: the likelihood ratio then compares policies, not number formats.
+    """
     return torch.float16 if settings.precision == "float16" else torch.float32
 
 

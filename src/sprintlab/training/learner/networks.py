@@ -249,6 +249,6 @@ def _handedness(symmetric: bool) -> tuple[Mirror, ...]:
 
 
 def _basis(symmetric: bool, *mirrors: Mirror) -> Basis:
-    """Of a vector of several parts."""
+    """The basis of a vector of several parts."""
     mirror = Mirror((), ()).joined(*mirrors)
     return Basis(mirror.size, mirror if symmetric else None)

@@ -163,7 +163,7 @@ def _last_layer(channels: int, outward: Basis) -> Layer:
 
 
 def _mixing(basis: Basis, weight: torch.Tensor, axis: int) -> Mixing:
-    """Of a weight of which one axis is a basis's columns."""
+    """The mixing of a weight, one axis of which holds a basis's columns."""
     own, other = torch.ones(2, basis.halves, basis.columns).unbind()
     if basis.halves == 2:
         own.fill_(math.sqrt(2.0))
