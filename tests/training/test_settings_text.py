@@ -54,7 +54,7 @@ def test_a_file_changes_what_it_names(tmp_path) -> None:
     ("change", "words"),
     [
         ("ppo.steps", "changes no setting"),
-        ("ppo.steps=1.5", r"ppo\.steps = 1\.5.*must be int"),
+        ("ppo.steps=1.5", r"ppo\.steps = 1\.5.*must be a whole number"),
         ("ppo.step=3", r"ppo\.step = 3.*no such setting, choose among steps"),
         ("schedule.kind=Spiral", r"schedule\.kind = 'Spiral'.*UniformSchedule"),
         ("ppo=3", "must be PpoSettings"),

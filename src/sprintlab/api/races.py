@@ -16,19 +16,11 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.evaluations import protocol_settings
 from sprintlab.api.policies import PolicyChoice, RobotChoice, open_policy
 from sprintlab.api.replays import write_race_replay
-from sprintlab.api.results import (
-    VERDICTS,
-    Drawn,
-    Progress,
-    command_line,
-    in_notebook,
-    kept,
-    silent,
-    table,
-)
+from sprintlab.api.results import VERDICTS, Drawn, Progress, in_notebook, kept, silent, table
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
+from sprintlab.core.interpreters import command_line
 from sprintlab.evaluation import race as races
 from sprintlab.evaluation import report_text as texts
 from sprintlab.evaluation.results import AuditReport, RaceResult

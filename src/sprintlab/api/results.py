@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import multiprocessing
-import shlex
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -240,9 +239,3 @@ def exit_if_worker() -> None:
 def remark(text: str) -> None:
     """Say something on stderr, beside the result."""
     print(printable(text, longest=10 * len(text)), file=sys.stderr, flush=True)
-
-
-def command_line() -> str:
-    """The command as it was typed, for reports and logs."""
-    name = Path(sys.argv[0]).name or "python"
-    return shlex.join([name.removesuffix(".py") if name == "__main__.py" else name, *sys.argv[1:]])

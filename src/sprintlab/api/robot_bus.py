@@ -18,11 +18,12 @@ from sprintlab.api.clearance import permitted_speed
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.interruptions import counted_interruptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, default_robot, open_policy
-from sprintlab.api.results import Progress, Result, command_line, quantities, records, remark, silent
+from sprintlab.api.results import Progress, Result, quantities, records, remark, silent
 from sprintlab.control import encode_contract
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.interpreters import command_line
 from sprintlab.deployment import controller as control
 from sprintlab.deployment import log as logs
 from sprintlab.deployment import simulator as simulators

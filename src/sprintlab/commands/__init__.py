@@ -6,16 +6,13 @@ from sprintlab.commands.clock import race_clock as race_clock
 from sprintlab.commands.comparators import CurriculumSchedule as CurriculumSchedule
 from sprintlab.commands.comparators import RampedSchedule as RampedSchedule
 from sprintlab.commands.curricula import BoxGrid as BoxGrid
-from sprintlab.commands.curricula import Curriculum as Curriculum
 from sprintlab.commands.curricula import ProgressGrid as ProgressGrid
 from sprintlab.commands.grid import CommandGrid as CommandGrid
-from sprintlab.commands.grid import GridBins as GridBins
 from sprintlab.commands.grid import TargetOutcome as TargetOutcome
 from sprintlab.commands.heading import heading_angle as heading_angle
 from sprintlab.commands.heading import heading_command as heading_command
 from sprintlab.commands.heading import in_heading_frame as in_heading_frame
 from sprintlab.commands.heading import wrap_angle as wrap_angle
-from sprintlab.commands.profiles import Phase as Phase
 from sprintlab.commands.profiles import SpeedProfile as SpeedProfile
 from sprintlab.commands.profiles import SprintProfile as SprintProfile
 from sprintlab.commands.profiles import self_paced as self_paced
@@ -33,7 +30,6 @@ from sprintlab.commands.state import initial_state as initial_state
 from sprintlab.commands.state import limit_yaw_rate as limit_yaw_rate
 from sprintlab.commands.track import KERB_DISTANCE as KERB_DISTANCE
 from sprintlab.commands.track import LANE_WIDTH as LANE_WIDTH
-from sprintlab.commands.track import PathPoint as PathPoint
 from sprintlab.commands.track import Track as Track
 from sprintlab.commands.track import along_track as along_track
 from sprintlab.commands.track import path_yaw_rate as path_yaw_rate

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple, Protocol
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW, self_paced
-from sprintlab.commands.state import CommandState, limit_yaw_rate, share_of_turn
-from sprintlab.control.arrays import Array, clip, namespace
+from sprintlab.commands.state import CommandState, limit_yaw_rate
+from sprintlab.control.arrays import Array, clip, filled, namespace
 from sprintlab.core.checks import check_interval, check_positive, check_range
 
 
@@ -97,9 +97,10 @@ class TargetSampling:
     def turn(self, target: Array, speed: Array, friction: Array | float) -> Array:
         """Commanded yaw rate [rad/s] ``(n,)`` for a target and a commanded speed: ``|v w| <= mu g``."""
         held = self.turn_share * friction
-        if self.scaled_turns:
-            return share_of_turn(target / max(self.yaw_limit, 1e-9), self.yaw_limit, speed, held)
-        return limit_yaw_rate(target, speed, held)
+        if not self.scaled_turns:
+            return limit_yaw_rate(target, speed, held)
+        fastest = limit_yaw_rate(filled(self.yaw_limit, speed), speed, held)
+        return target / max(self.yaw_limit, 1e-9) * fastest
 
     def draw(
         self, random: Array, lower: Array | float, upper: Array | float, weights: Array | None

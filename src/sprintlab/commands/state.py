@@ -46,15 +46,3 @@ def limit_yaw_rate(yaw_rate: Array, speed: Array, friction: Array | float) -> Ar
     magnitude = xp.abs(speed)
     limit = friction * GRAVITY / xp.maximum(magnitude, filled(1e-3, magnitude))
     return clip(yaw_rate, -limit, limit)
-
-
-def share_of_turn(share: Array, largest: float, speed: Array, friction: Array | float) -> Array:
-    """A share of the fastest turn at a speed, ``min(largest, friction g / |speed|)`` [rad/s] ``(n,)``.
-
-    Args:
-        share: Share from -1 to 1 ``(n,)``.
-        largest: greatest yaw rate at any speed [rad/s].
-        speed: commanded forward speed [m/s] ``(n,)``.
-        friction: ground friction coefficient, scalar or ``(n,)``.
-    """
-    return share * limit_yaw_rate(filled(largest, speed), speed, friction)

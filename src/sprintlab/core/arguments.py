@@ -9,7 +9,7 @@ import functools
 import inspect
 import math
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -23,7 +23,7 @@ _hints = functools.cache(get_type_hints)
 
 _WORDS: dict[Any, str] = {
     int: "a whole number", float: "a finite number", str: "text", bool: "True or False",
-    Path: "a path", types.NoneType: "None",
+    Path: "a path", types.NoneType: "None", Mapping: "a table", dict: "a table", Callable: "a function",
 }  # fmt: skip
 
 
@@ -55,9 +55,20 @@ def check_kind(name: str, value: object, hint: Any) -> None:
     NumPy's numbers count as numbers, whole ones as floats, and text as a path.
     """
     if not _fits(value, hint):
-        kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-        words = (_WORDS.get(kind) or str(kind if get_args(kind) else kind.__name__) for kind in kinds)
-        raise InvalidValueError(name, value, f"must be {' or '.join(words)}")
+        raise InvalidValueError(name, value, f"must be {in_words(hint)}")
+
+
+def in_words(hint: Any) -> str:
+    """What a type hint allows: ``a whole number or None``, ``a list of 2, each a finite number``."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in (Union, types.UnionType):
+        return " or ".join(map(in_words, inner))
+    if kind is Literal:
+        return f"one of {', '.join(map(str, inner))}"
+    if kind in (Sequence, tuple):
+        count = "" if kind is Sequence or inner[-1] is Ellipsis else f" of {len(inner)}"
+        return f"a list{count}, each {in_words(inner[0])}"
+    return _WORDS.get(kind) or kind.__name__
 
 
 def _fits(value: Any, hint: Any) -> bool:

@@ -9,16 +9,17 @@ Nothing here needs PyTorch.
 
 from __future__ import annotations
 
-import re
 import sys
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+import msgspec
 import tomli_w
 
+from sprintlab.core.arguments import in_words
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import parse_toml, read_toml
 
@@ -146,12 +147,20 @@ def _value(hint: Any, value: Any, place: str) -> Any:
             return {name: _value(item, each, f"{place}.{name}") for name, each in kept.items()}
         if _dataclasses(hint):
             return _part(_chosen_class(_dataclasses(hint), given, place), given, place)
-    for kind in kinds:
-        converted = _converted(value, kind)
-        if converted is not MISSING:
-            return converted
-    name = re.sub(r"<class '|'>|\w+\.", "", str(hint))  # as Python writes it, without modules
-    raise InvalidValueError(place, value, f"must be {name}")
+    if hint is Any and type(value) is int:  # numbers of a file that may be arrays
+        return float(value)
+    try:
+        return msgspec.convert(value, hint, dec_hook=_function)
+    except (msgspec.ValidationError, TypeError) as error:
+        raise InvalidValueError(place, value, f"must be {in_words(hint)}") from error
+
+
+def _function(_: type, value: Any) -> Any:
+    """A function, or the one that a text names."""
+    found = _imported(value) if isinstance(value, str) else value
+    if not callable(found):
+        raise ValueError("not a function")
+    return found
 
 
 def _part(kind: Any, values: Mapping[str, Any], place: str) -> Any:
@@ -199,23 +208,6 @@ def _imported(path: str) -> Any:
         if found is not None:
             return found
     return None
-
-
-def _converted(value: Any, kind: Any) -> Any:
-    """``value`` as an instance of a plain type; ``MISSING`` where it is of another kind."""
-    if get_origin(kind) is tuple and isinstance(value, list | tuple):
-        inner, items = get_args(kind), list(cast("Sequence[Any]", value))
-        inner = inner[:1] * len(items) if inner[-1] is Ellipsis else inner
-        pieces = [_converted(each, one) for each, one in zip(items, inner, strict=False)]
-        return tuple(pieces) if len(items) == len(inner) and MISSING not in pieces else MISSING
-    if kind in (float, Any) and type(value) is int:
-        return float(value)
-    if get_origin(kind) is Callable:
-        found = _imported(value) if isinstance(value, str) else value
-        return found if callable(found) else MISSING
-    if get_origin(kind) is Literal:
-        return value if value in get_args(kind) else MISSING
-    return value if kind is Any or type(value) is kind else MISSING
 
 
 # --- type hints ------------------------------------------------------------------------------------------

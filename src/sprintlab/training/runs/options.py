@@ -78,18 +78,14 @@ class TrainOptions:
         """Whether the training runs on the CPU."""
         return self.device == "cpu" or (self.device == "auto" and not _has_gpu())
 
-    @property
-    def length(self) -> RunLength | None:
-        """Length of the run that is asked for; None where nothing is said."""
-        if self.minutes is None and self.iterations is None:
-            return None
-        seconds = None if self.minutes is None else 60.0 * self.minutes
-        return RunLength(iterations=self.iterations, seconds=seconds)
-
-    @property
-    def default_length(self) -> RunLength:
-        """Length of a new run of which nothing is said."""
-        return RunLength(seconds=60.0 * (CPU_MINUTES if self.on_cpu else GPU_MINUTES))
+    def length(self, resumed: bool) -> RunLength | None:
+        """When the run ends; None: a resumed run for which neither is given keeps its length."""
+        minutes = self.minutes
+        if minutes is None and self.iterations is None:
+            if resumed:
+                return None
+            minutes = CPU_MINUTES if self.on_cpu else GPU_MINUTES
+        return RunLength(iterations=self.iterations, seconds=None if minutes is None else 60.0 * minutes)
 
     def full_settings(self) -> TrainingSettings:
         """The settings at the size that this session trains."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,13 +15,14 @@ from sprintlab.core.errors import SprintlabError, UnwrittenError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.core.garbage import suspended_garbage_collection
+from sprintlab.core.interpreters import command_line
 from sprintlab.core.reading import refused_as_damaged
+from sprintlab.core.signals import handled_by, terminations
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
-from sprintlab.training.runs.guard import stop_requests
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing
-from sprintlab.training.runs.runner import Runner, command_line, device_description
+from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings_text import settings_toml
 
 POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
@@ -82,8 +84,8 @@ def open_run(options: TrainOptions, workers: Workers) -> Runner:
     if saved:
         check_robot(saved, runner.environment.robot)
         runner.load(saved)
-    if options.length is not None or not saved:
-        runner.begin(options.length or options.default_length)
+    if (length := options.length(resumed=saved is not None)) is not None:
+        runner.begin(length)
     return runner
 
 
@@ -133,6 +135,28 @@ def _session(runner: Runner, options: TrainOptions) -> None:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
         else:
             reporter.say(f"done: iteration {progress.iteration}, {options.checkpoint}")
+
+
+@contextmanager
+def stop_requests() -> Iterator[list[int]]:
+    """Ctrl-C, SIGTERM and a hangup (a closed terminal) are only noted inside the block, which reads the list.
+
+    A second Ctrl-C interrupts at once, without saving. Outside the main thread signals stay as they are.
+
+    Raises:
+        KeyboardInterrupt: at the end, where it was Ctrl-C; ``SystemExit`` with 128 and the number of another.
+    """
+    asked = list[int]()
+
+    def note(number: int, _: object) -> None:
+        if asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    with handled_by(note, [signal.SIGINT, *terminations()]):
+        yield asked
+        if asked:
+            raise KeyboardInterrupt if asked[-1] == signal.SIGINT else SystemExit(128 + asked[-1])
 
 
 def _title(runner: Runner) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import sys
 import time
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -322,9 +321,3 @@ class Runner:
             self.progress = state["progress"]
             torch.manual_seed(self.settings.seed + 1_000_003 * self.workers.rank + self.progress.iteration)
             self.begin(RunLength(**state["length"]))
-
-
-def command_line() -> str:
-    """The command as typed, without the folder of the program."""
-    name = Path(sys.argv[0]).name
-    return " ".join(["sprintlab" if name == "__main__.py" else name, *sys.argv[1:]])
