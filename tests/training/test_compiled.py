@@ -72,7 +72,7 @@ def test_the_parts_of_an_update_are_one_piece_each(learner: EstimatorPpo) -> Non
     traced(learner._policy_step)()
     noise = torch.zeros(8, LATENT_SIZE)
     traced(learner._estimator_gradient)(learner.rollout.estimator_batch(0, 4, noise))
-    traced(learner._estimator_step)()
+    traced(learner.estimator_block.step)()
     traced(learner._finish)()
 
 

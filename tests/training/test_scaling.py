@@ -9,7 +9,7 @@ from sprintlab.training.settings import TrainingSettings
 
 
 def test_nothing_changes_for_the_robot_that_the_defaults_are_for():
-    assert scaled_settings("bp2") == TrainingSettings()
+    assert scaled_settings("bp2", TrainingSettings()) == TrainingSettings()
 
 
 @pytest.mark.parametrize("preset", ["sprintlab", "paper"])

@@ -15,12 +15,7 @@ from sprintlab.core.checks import check_positive
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import WorkerProcesses
-from sprintlab.robots import (
-    load_robot_file,
-    read_table,
-    robot_fingerprint,
-    robot_table_path,
-)  # fmt: skip
+from sprintlab.robots import load_robot_file, read_table, robot_fingerprint, robot_table_path
 from sprintlab.speed_limit import Fastest, SearchSettings
 from sprintlab.speed_limit import designs as laws
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,34 +113,32 @@ def _trajectory(
     record: RunRecord, robot: RobotDescription, course: _Course, time: FloatArray, begin: float
 ) -> Trajectory:
     index = np.clip(np.searchsorted(record.states.time, time + begin, side="right") - 1, 1, None)
-    states = {
-        name: record.column("states", name)
-        for name in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity")
-    }
     tick = np.searchsorted(record.column("ticks", "time"), time + begin, side="right") - 1
     tick = np.clip(tick, 0, None)
     command = record.column("ticks", "velocity")[tick]
     position, velocity = course.at(time + begin)
-    heading = np.unwrap(wrap_angle(heading_angle(states["quaternion"][index]) - course.heading))
+    quaternion, angular_velocity, joint_position, joint_torque, bus_voltage = (
+        record.column("states", name)[index]
+        for name in ("quaternion", "angular_velocity", "joint_position", "joint_torque", "bus_voltage")
+    )
+    speeds = record.column("states", "joint_velocity")
     # A drive sets its torque by the speed of the state before; speed and torque belong together.
-    feet, joint_velocity = (len(time), len(robot.leg_names)), states["joint_velocity"][index - 1]
-    qpos = np.concatenate((position, states["quaternion"][index], states["joint_position"][index]), axis=1)
+    feet, joint_velocity = (len(time), len(robot.leg_names)), speeds[index - 1]
+    heading = np.unwrap(wrap_angle(heading_angle(quaternion) - course.heading))
     return Trajectory(
         time=time,
-        qpos=qpos,
-        qvel=np.concatenate(
-            (velocity, states["angular_velocity"][index], states["joint_velocity"][index]), 1
-        ),
+        qpos=np.concatenate((position, quaternion, joint_position), axis=1),
+        qvel=np.concatenate((velocity, angular_velocity, speeds[index]), axis=1),
         profile_speed=command[:, 0],
         command=command,
         velocity=in_heading_frame(velocity, heading),
-        angular_velocity=states["angular_velocity"][index],
+        angular_velocity=angular_velocity,
         heading=heading,
-        joint_position=states["joint_position"][index],
+        joint_position=joint_position,
         joint_velocity=joint_velocity,
         joint_target=record.column("ticks", "targets")[tick],
-        joint_torque=states["joint_torque"][index],
-        **_motor_side(record, robot, states, index),
+        joint_torque=joint_torque,
+        **_motor_side(robot, joint_velocity, joint_torque, bus_voltage),
         foot_contact=np.zeros(feet, dtype=bool),
         foot_penetration=np.zeros(feet),
         foot_position=np.zeros((*feet, 3)),
@@ -151,15 +148,11 @@ def _trajectory(
 
 
 def _motor_side(
-    record: RunRecord, robot: RobotDescription, states: dict[str, FloatArray], index: NDArray[Any]
+    robot: RobotDescription, velocity: FloatArray, torque: FloatArray, voltage: FloatArray
 ) -> dict[str, FloatArray]:
-    """Torques of the motors and their limits ``(T, joints)``, from what the drives report."""
-    ratio = np.asarray(robot.gear.ratio)
-    velocity = states["joint_velocity"][index - 1]
-    delivered = shaft_torque(robot.gear, states["joint_torque"][index], velocity)
-    speed = velocity * ratio
-    voltage = record.column("states", "bus_voltage")[index][:, None]
-    lower, upper = torque_limits(robot.motors, speed, voltage)
+    """Torques of the motors and their limits ``(T, joints)``, from what the drives report of the joints."""
+    lower, upper = torque_limits(robot.motors, velocity * np.asarray(robot.gear.ratio), voltage[:, None])
+    delivered = shaft_torque(robot.gear, torque, velocity)
     return {
         "motor_torque": np.asarray(desaturate(robot.motors, delivered)),
         "torque_lower": np.asarray(lower),

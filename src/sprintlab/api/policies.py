@@ -25,9 +25,8 @@ def policies() -> Result:
     for name, path in shipped_policies().items():
         contract = load_policy(path).contract
         found[name] = {"robot": contract.robot_name, "method": contract.training.method, "path": str(path)}
-    return Result(
-        numbers=found, shown=[records("Policies", [{"name": name, **found[name]} for name in found])]
-    )
+    rows = [{"name": name, **numbers} for name, numbers in found.items()]
+    return Result(numbers=found, shown=[records("Policies", rows)])
 
 
 @checked

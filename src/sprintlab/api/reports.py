@@ -48,31 +48,25 @@ def report(
     if simulation and policy is None and told not in shipped_policies():  # no log chooses a file
         raise SprintlabError(f"{log.name} is of policy {told!r}, unknown here: name its file with --policy")
     from sprintlab.api.log_trial import logged_run
-    from sprintlab.evaluation.run_report import (
-        make_run_pictures,
-        number_rows,
-        render_run_report,
-        run_numbers,
-        simulate_commands,
-    )  # fmt: skip
+    from sprintlab.evaluation import run_report as runs
 
     run, simulated = logged_run(record, described, distance), None
     if simulation:
         progress("simulating the same commands", None)
         loaded, command = load_policy(policy or told), run.command[:, 0]
-        simulated = simulate_commands(loaded, described, run.command_time, command, run.trial.hold_interval)
-    numbers = {**run_numbers(run, simulated), "faults": run.faults, "facts": record.facts}
+        hold = run.trial.hold_interval
+        simulated = runs.simulate_commands(loaded, described, run.command_time, command, hold)
+    numbers = {**runs.run_numbers(run, simulated), "faults": run.faults, "facts": record.facts}
+    faults = [(f"fault {name}", str(count)) for name, count in run.faults.items()]
     columns = ("robot", "simulation")
-    rows = [*number_rows(numbers)]
-    rows += [(f"fault {name}", str(count), "", "") for name, count in run.faults.items()]
+    rows = [*runs.number_rows(numbers), *((*fault, "", "") for fault in faults)]
     shown = table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
     found = Result(numbers={**numbers, "folder": None}, shown=[shown], found=run)
     with kept(found):
-        pictures = make_run_pictures(
+        pictures = runs.make_run_pictures(
             run, simulated, described, lambda what: progress(f"drawing: {what.lower()}", None)
         )
-        faults = ((f"fault {name}", str(count)) for name, count in run.faults.items())
-        page = render_run_report(run, simulated, pictures, [*record.facts.items(), *faults])
+        page = runs.render_run_report(run, simulated, pictures, [*record.facts.items(), *faults])
         with files.atomic_directory(folder) as temporary:
             for picture in pictures:
                 files.atomic_write_bytes(temporary / f"{picture.name}.png", picture.png)

@@ -86,33 +86,32 @@ def run(
     speed = permitted_speed(
         name, loaded, described, top_speed, self_paced=source == "sprint", needed=needed, tell=remark
     )
-    with ExitStack() as interruptible:  # left last: leaving may take seconds, and Ctrl-C may come again
-        with ExitStack() as opened:
-            commands = open_source(source, top_speed=speed, distance=distance)
-            opened.enter_context(closing(commands))
-            controller = control.Controller(loaded, described, commands, top_speed=speed)
-            place = None if no_log else log_path(log, bus)
-            # The bus before the log: where no robot is found, no empty log is left behind.
-            end = opened.enter_context(closing(buses.open_bus(bus, session=controller.session)))
-            written = None
-            if place is not None:
-                date = datetime.now(timezone.utc).isoformat(timespec="seconds")
-                facts = {"command_line": command_line(), "date": date, "policy": name, "bus": bus}
-                contract = encode_contract(loaded.contract)
-                told = logs.LogFacts(robot=described.name, contract=contract, facts=facts)
-                written = logs.McapRunLog(place, told, wait=lock_step)
-                remark(f"log: {place}")
-            for text in () if lock_step else lacking(options.priority, options.core):
-                remark(f"real time: {text}")
-            remark(f"driving {bus}; Ctrl-C brings the robot down")
-            interrupted = interruptible.enter_context(counted_interruptions())
-            try:
-                with _status_line() as status:
-                    report = control.run_loop(
-                        controller, end, options, log=written, interrupted=interrupted, status=status
-                    )
-            finally:
-                problem = _closed(written)
+    # Interruptions are handled until all else is closed: that may take seconds, and Ctrl-C may come again.
+    with ExitStack() as interruptible, ExitStack() as opened:
+        commands = opened.enter_context(closing(open_source(source, top_speed=speed, distance=distance)))
+        controller = control.Controller(loaded, described, commands, top_speed=speed)
+        place = None if no_log else log_path(log, bus)
+        # The bus before the log: where no robot is found, no empty log is left behind.
+        end = opened.enter_context(closing(buses.open_bus(bus, session=controller.session)))
+        written = None
+        if place is not None:
+            date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+            facts = {"command_line": command_line(), "date": date, "policy": name, "bus": bus}
+            contract = encode_contract(loaded.contract)
+            told = logs.LogFacts(robot=described.name, contract=contract, facts=facts)
+            written = logs.McapRunLog(place, told, wait=lock_step)
+            remark(f"log: {place}")
+        for text in () if lock_step else lacking(options.priority, options.core):
+            remark(f"real time: {text}")
+        remark(f"driving {bus}; Ctrl-C brings the robot down")
+        interrupted = interruptible.enter_context(counted_interruptions())
+        try:
+            with _status_line() as status:
+                report = control.run_loop(
+                    controller, end, options, log=written, interrupted=interrupted, status=status
+                )
+        finally:
+            problem = _closed(written)
         if problem is not None:
             remark(f"sprintlab: {problem}")
         return _driven(controller, report, commands, problem)
@@ -239,7 +238,6 @@ def robot_sim(
         seed=seed,
     )
     check_range("priority", priority, 1, 99)
-    # As in ``run``, interruptions are handled until all else is closed.
     with ExitStack() as interruptible, closing(buses.open_endpoint(bus)) as endpoint:
         world = simulators.SimulatedWorld(load_robot(robot or default_robot()), options, link)
         remark(f"the robot is on {bus}; Ctrl-C ends it")

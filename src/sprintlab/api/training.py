@@ -22,12 +22,7 @@ from sprintlab.training.runs import sweep as sweeps
 from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.settings_text import (
-    read_settings,
-    settings_toml,
-    to_plain,
-    with_changes,
-)  # fmt: skip
+from sprintlab.training.settings_text import read_settings, settings_toml, to_plain, with_changes
 
 UNITS = {
     "environment_steps": "policy steps", "seconds": "s", "speed_median": "m/s", "speed_p95": "m/s",
@@ -203,12 +198,7 @@ def _chosen_settings(
 
 
 @checked
-def export(
-    checkpoint: Path | str,
-    output: Path | str,
-    *,
-    progress: Progress = silent,
-) -> Result:
+def export(checkpoint: Path | str, output: Path | str, *, progress: Progress = silent) -> Result:
     """Write a training checkpoint as one ONNX file that carries its own contract, checked against PyTorch.
 
     Example: sprintlab export runs/sprint-0/checkpoint.pt sprint.onnx

@@ -252,14 +252,8 @@ class Exam(SprintEnvironment):
 
     def _measure(self, body: BodyState) -> None:
         """What counts from the rise to a fall or to the end."""
-        ends = find_ends(
-            body,
-            self.engine.qvel,
-            self.episode_length_buf,
-            self.episode_limit,
-            self._knee_clearance,
-            leg_distance=-1.0,
-        )
+        length, limit = self.episode_length_buf, self.episode_limit
+        ends = find_ends(body, self.engine.qvel, length, limit, self._knee_clearance, leg_distance=-1.0)
         self.upright.mul_(1.0 - ends.failed.float())
         time = self._time()
         counted = self.upright * (time > STAND)

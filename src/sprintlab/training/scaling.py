@@ -11,9 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
-from sprintlab.training.settings import (
-    TrainingSettings,
-)
+from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.terms import Parameter, RandomizationTerm, RewardTerm
 
 Term = TypeVar("Term", RewardTerm, RandomizationTerm)
@@ -36,15 +34,13 @@ def speed_scale(robot: RobotDescription) -> float:
     return length_scale(robot) ** 0.5
 
 
-def scaled_settings(robot: str, base: TrainingSettings | None = None) -> TrainingSettings:
+def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
     """``base``, which is for BP2, for ``robot``: lengths by leg length, speeds and times by Froude number.
 
     The payload goes with the mass. For BP2 nothing changes.
     """
-    base = base or TrainingSettings()
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
-    speed, mass = speed_scale(small), small.total_mass / large.total_mass
-    length = length_scale(small)
+    length, speed, mass = length_scale(small), speed_scale(small), small.total_mass / large.total_mass
     scales: dict[str, Callable[[float], float]] = {
         "height": lambda height: small.foot_radius + length * (height - large.foot_radius),
         "distance": lambda distance: length * distance,

@@ -69,7 +69,7 @@ class EstimatorPpo:
         self._policy_back = compiled(self._policy_gradient, fused)
         self._policy_on = compiled(self._policy_step, fused)
         self._estimator_back = compiled(self._estimator_gradient, fused)
-        self._estimator_on = compiled(self._estimator_step, fused)
+        self._estimator_on = compiled(self.estimator_block.step, fused)
         self._conclude = compiled(self._finish, fused and not workers.several)
         self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
@@ -263,10 +263,6 @@ class EstimatorPpo:
         gradients, parts = estimator_gradients(self.actor, batch)
         self.estimator_block.write(gradients)
         self._loss_sums[4:] += parts / (ESTIMATOR_EPOCHS * self.settings.ppo.mini_batches)
-
-    @torch.no_grad()
-    def _estimator_step(self) -> None:
-        self.estimator_block.step()
 
     @torch.no_grad()
     def _finish(self) -> None:

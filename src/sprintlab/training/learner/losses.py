@@ -127,11 +127,7 @@ class PolicyLosses(NamedTuple):
 
 
 def policy_losses(
-    mean: torch.Tensor,
-    std: torch.Tensor,
-    value: torch.Tensor,
-    batch: PolicyBatch,
-    old_std: torch.Tensor,
+    mean: torch.Tensor, std: torch.Tensor, value: torch.Tensor, batch: PolicyBatch, old_std: torch.Tensor
 ) -> PolicyLosses:
     """Losses of mean actions ``(m, k)``, the policy's deviations ``(k,)`` and values ``(m,)``.
 

@@ -21,12 +21,7 @@ class Rollout:
     """
 
     def __init__(
-        self,
-        robots: int,
-        steps: int,
-        observation: Observation,
-        settings: TrainingSettings,
-        device: str,
+        self, robots: int, steps: int, observation: Observation, settings: TrainingSettings, device: str
     ) -> None:
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(robots, steps, *shape, device=device)
