@@ -53,7 +53,7 @@ def _rows(kind: Any) -> Iterator[str]:
         if dataclasses.is_dataclass(field.default):
             yield from _rows(type(field.default))
             continue
-        notes = [note.help for note in getattr(field.type, "__metadata__", ()) if hasattr(note, "help")]
+        notes = [note.help for note in getattr(field.type, "__metadata__", ()) if getattr(note, "help", None)]
         meaning = _escaped(notes[0] if notes else meanings.get(field.name, "")).replace("|", chr(92) + "|")
         dashed = field.name.replace("_", "-")
         option = f"--no-{dashed}" if field.default is True else f"--{dashed}"

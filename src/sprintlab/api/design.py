@@ -38,8 +38,9 @@ def design(
     progress: Progress = silent,
 ) -> Drawn:
     """Choose gears and winding at fixed mass, and say what leaving the d-axis voltage out would cost.
+
     Every design gets a folder with its robot's table, which other commands take, and its design.json; the
-    same command goes on where it was.
+    same command, started again, continues from there.
     Example: sprintlab design bp2 --vary gear.hip=6:10:5 --vary winding=0.8,1,1.2
 
     Args:

@@ -66,11 +66,11 @@ class Finding(NamedTuple):
 def doctor(*, training: bool = False, progress: Progress = silent) -> Result:
     """Try out what sprintlab needs: packages, GPU, compiler, disk.
 
-    The status is 1 where something is broken; what is merely not installed is no fault.
+    The status is 1 where something is broken; a package that is merely not installed is no fault.
     Example: sprintlab doctor --training
 
     Args:
-        training: also try CUDA and compilation, and count as a fault what training on a GPU lacks.
+        training: also try CUDA and compilation; the status is 1 also where training on a GPU lacks something.
     """
     findings = list(_findings(training, progress))
     faults = [

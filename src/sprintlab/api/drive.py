@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOptions:
-    """Drive and air in which the policy is measured; published numbers use none of these.
+    """Drive and air in which the policy is measured; published numbers use the defaults.
 
     Attributes:
-        air: outdoors (still air holds the trunk back) or treadmill (none does).
+        air: outdoors (drag of still air on the trunk) or treadmill (no drag).
         motor_model: refined, simplified-dc, square or flux-weakening.
-        battery: put the robot's battery behind the bus that all joints share.
+        battery: supply the joints from the robot's battery, whose voltage sags under load.
         heat: let copper loss warm the windings.
-        supply: file (TOML) with tables [battery], [heat], [i2t]; turns on what it holds.
+        supply: TOML file with tables [battery], [heat] or [i2t]; each table that it has is simulated.
         state_of_charge: state of charge of the battery at the start, 0 to 1.
-        winding_temperature: at the start [degC].
+        winding_temperature: temperature of the windings at the start [degC].
     """
 
     air: Literal["outdoors", "treadmill"] = "outdoors"

@@ -54,12 +54,12 @@ def evaluate(
     Example: sprintlab evaluate sprint --start 8 --output numbers.json
 
     Args:
-        trials: seeded trials a speed.
+        trials: trials at each speed, each with a seed of its own.
         start: lowest speed of the search [m/s].
         top: highest speed of the search [m/s].
         grid: step between speeds [m/s].
         every_speed: walk the whole grid instead of whole m/s first.
-        clock_check: repeat the highest raw command that passed with other clocks of the policy.
+        clock_check: repeat the highest raw command that passed with other rates of the policy, and jitter.
         output: also write the numbers here (JSON).
     """
     if output is not None:

@@ -37,14 +37,14 @@ def limit(
     min_duty: float | None = None,
     progress: Progress = silent,
 ) -> Drawn:
-    """Estimate from above how fast a robot can run, from its motors and legs alone.
+    """Compute an upper bound of the speed of a robot from its motors and legs alone.
 
     Example: sprintlab limit bp2 --max-stride 5.5 --min-duty 0.12
 
     Args:
         robot: name of a robot, or the path of its folder or table.
         quick: only the limit and its stride: no causes, no sensitivities.
-        starts: random strides to begin from; more find a little more.
+        starts: random strides from which the search begins; with more it finds slightly higher speeds.
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
     """
@@ -81,7 +81,7 @@ def audit_rollout(
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
 ) -> Drawn:
-    """How much of a policy's torque its motors cannot give: any simulator's rollout against a motor.
+    """Check how much of a rollout's torque a motor could not give; any simulator may have recorded it.
 
     A robot's motors are matched to the recording's joint names, in any order.
     Example: sprintlab audit rollout.npz --motor go1 --figure rollout.png

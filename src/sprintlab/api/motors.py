@@ -203,7 +203,7 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
     Example: sprintlab motor library xiaomi-cybergear
 
     Args:
-        name: one actuator; all of them when left out.
+        name: name of one actuator; all of them when left out.
         save: write the chosen actuator's motor as a motor file (TOML) for the other commands.
     """
     if save is not None and name is None:
@@ -328,10 +328,10 @@ def identify_motor(
         hold: parameters that are not fitted but taken from the base motor.
         also: fitted only on request: torque_offset, current_offset, gear_efficiency, rotor_inertia.
         window: length of the windows of a log with a time column in which current and speed rest [s].
-        rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
-        column: name=heading or name=heading:unit, for a column that the file calls otherwise.
+        rotor_inertia: rotor inertia [kg m^2] for the motor file; the base motor's when left out.
+        column: name=heading or name=heading:unit, for a column with another heading in the file.
         gear_ratio: ratio of a gear between the motor and the torque sensor; results are the motor's.
-        motor_speed: behind a gear, the speed is the motor's already.
+        motor_speed: although there is a gear, the recorded speed is the motor's.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         output: motor file to write.
     """

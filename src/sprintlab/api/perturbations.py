@@ -31,7 +31,7 @@ def turning(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Drawn:
-    """Measure how much of a commanded yaw rate a policy turns with, at every speed.
+    """Measure how much of each commanded yaw rate a policy achieves, at every speed.
 
     Yaw rates go up to what friction allows, |v w| = mu g, and at most 1 rad/s.
     Example: sprintlab turning sprint --figure turning.png
@@ -124,11 +124,11 @@ def ground(
 ) -> Result:
     """Measure what slopes and rough ground cost a policy: falls, and speed held against level ground.
 
-    Met: all trials are upright, and cost no more than the largest loss.
+    A ground is met where all trials stay upright and lose no more speed than the largest loss allowed.
     Example: sprintlab ground sprint --top-speed 10
 
     Args:
-        trials: seeded trials on each ground; on rough ground each has heights of its own.
+        trials: trials on each ground; on rough ground each has heights of its own.
         slope: rise over run, run up and down: 0.05 is 5 %.
         roughness: greatest height of the rough ground above and below its mean [m].
     """
@@ -156,15 +156,16 @@ def robustness(
     output: Path | str | None = None,
     progress: Progress = silent,
 ) -> Drawn:
-    """Run many sprints with everything randomized at once: how many stay upright, what they hold.
+    """Run many sprints with everything randomized at once: how many stay upright, how fast they run.
 
-    A few more randomize one cause at a time. Each sprint is kept in a file: the same command goes on there.
+    A few more randomize one cause at a time. Each sprint is kept in a file: the same command, started again,
+    continues from there.
     Example: sprintlab robustness sprint --trials 100 --figure spread.png
 
     Args:
         trials: sprints with everything randomized at once.
         cause_trials: sprints of each cause alone, and of the nominal robot.
-        top_speed: speed asked for [m/s]; when left out, the folder's, or what a search finds.
+        top_speed: commanded speed [m/s]; when left out, that of the folder's sprints, or what a search finds.
         seed: seed of the first sprint; the next one has the next seed.
         output: folder of the sprints; runs/robustness-<policy> when left out.
     """

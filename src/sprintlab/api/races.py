@@ -105,15 +105,17 @@ def race(
 ) -> Race:
     """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
 
+    Raw is the command of the profile as it is; self-paced, it is kept near the speed of the robot.
     Example: sprintlab race sprint --top-speed 13
 
     Args:
-        top_speed: top speed of the profile [m/s]; when left out, a search finds that at which most is held.
-        engine: mujoco, drake (extra drake), or both: sprint and raw trials once more in Drake.
-        trials: seeded trials each way of giving the command.
+        top_speed: top speed of the profile [m/s]; when left out, a search finds the one at which the robot
+            holds the highest speed.
+        engine: mujoco, drake (needs the extra drake), or both: sprint and raw trials once more in Drake.
+        trials: trials with the raw command and as many with the self-paced one.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
-        report: whether a report is written; always with output.
-        video: whether the report has an MP4, too.
+        report: write a report, as with output (--no-report: only print).
+        video: render an MP4 for the report (--no-video: none).
     """
     if top_speed is not None:
         check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")

@@ -42,7 +42,7 @@ def replay(
 
     Args:
         run_folders: folders of races, or recorded trajectories (.npz); the newest race when left out.
-        world_record: also a runner at the pace of the men's world record over the distance (100 or 400 m).
+        world_record: add a runner at the pace of the men's world record over the distance (100 or 400 m).
         robot: a robot's name or parameter table (.toml); what the race's result.json says when left out.
         output: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
     """
@@ -138,7 +138,7 @@ def play(
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
         gamepad: drive with a gamepad too.
-        gamepad_device: which one.
+        gamepad_device: device file of the gamepad.
         duration: stop after this time [s]; runs until Ctrl-C when left out.
     """
     require_package("viser", extra="play", use="sprintlab play")

@@ -36,7 +36,7 @@ def report(
         output: result folder, which must not exist; runs/report-<date>-<time> when left out.
         robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
         policy: the policy to simulate; the log's when left out, if it comes with the package.
-        simulation: whether the simulation stands beside the run; without it the log is drawn alone.
+        simulation: simulate the same commands beside the run (--no-simulation: draw the log alone).
     """
     check_positive("distance", distance, "m")
     folder = Path(output) if output else files.default_folder(prefix="report")

@@ -63,13 +63,14 @@ def run(
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s]; the highest that passes its audit when left out.
         log: write every step to this MCAP file; runs/<bus name>-<date>-<time>.mcap when left out.
-        no_log: write none.
+        no_log: write no log.
         duration: come down after this time [s].
         priority: priority under the real-time scheduler, 1 to 99.
         core: processor core for the control loop, one that is kept free of other work.
-        real_time: whether to ask for the real-time scheduler.
-        lock_step: take time from a simulated robot and answer each of its steps.
-        despite_audit: name of the policy, to drive a robot beyond this machine without the simulated audit.
+        real_time: ask for the real-time scheduler (--no-real-time: run as an ordinary process).
+        lock_step: take the time from a simulated robot and answer each of its steps.
+        despite_audit: name of the policy once more, to drive a robot outside of this machine without an audit
+            in simulation.
     """
     options = control.LoopOptions(
         lock_step=lock_step,
@@ -205,27 +206,27 @@ def robot_sim(
     drive: DriveOptions = DriveOptions(),
     progress: Progress = silent,
 ) -> Result:
-    """Be a robot on the bus: the 1 kHz plant in a process of its own, with the faults of a real link.
+    """Simulate a robot on the bus: a 1 kHz plant in a process of its own, with the faults of a real link.
 
-    It runs until Ctrl-C, or until one of the ends below. The status is 1 when the robot fell.
+    It runs until Ctrl-C, --duration or --end-with-controller. The status is 1 when the robot fell.
     Example: sprintlab robot-sim shm://bp2 --end-with-controller
 
     Args:
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left out.
-        start: lying on the ground with damped joints, or standing.
+        start: lying (on the ground, joints damped) or standing.
         delay: delay of every message, each way [ms].
         jitter: greatest additional delay of a message, each way [ms].
         loss: share of messages lost, each way [%].
         noise: sensor noise, as a multiple of a typical set.
         bus_voltage: voltage of a stiff bus [V]; the robot's own when left out. --battery makes it sag.
         watchdog: without a command for this long, the robot damps its joints by itself [ms].
-        fix_rate: position fixes a second, as from an RTK receiver [Hz]; 0 for none.
-        seed: decides noise, jitter and losses.
+        fix_rate: position fixes per second, as from an RTK receiver [Hz]; 0 for none.
+        seed: seed of noise, jitter and losses.
         priority: priority under the real-time scheduler, 1 to 99, where permitted; below the controller's.
-        real_time: whether to ask for the real-time scheduler; never in lock-step.
+        real_time: ask for the real-time scheduler, but in lock-step (--no-real-time: never).
         lock_step: one step for each answer of the controller, whatever the clock says.
         duration: end after this much simulated time [s].
-        end_with_controller: end when the controller has left.
+        end_with_controller: end when the controller has left the bus.
     """
     link = simulators.LinkOptions(delay=1e-3 * delay, jitter=1e-3 * jitter, loss=0.01 * loss)
     options = simulators.SimulatorOptions(

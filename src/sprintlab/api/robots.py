@@ -40,9 +40,9 @@ def import_robot(
     Example: sprintlab robot new examples/go1/go1.xml --choices examples/go1/choices.toml --name mydog
 
     Args:
-        source: MJCF or URDF of a quadruped with three hinges a leg.
+        source: MJCF or URDF of a quadruped with three hinges per leg.
         choices: TOML file (from Python also sl.RobotChoices) of bus voltage, motors, gears and gains.
-        name: name of the robot, instead of the file's.
+        name: name of the robot; the file's when left out.
         output: folder in which the robot's folder is put; in ./robots robots are found by name.
     """
     check_kind("choices", choices, importing.RobotChoices | str | Path)

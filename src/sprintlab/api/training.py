@@ -118,17 +118,17 @@ def train(
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
             uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, hound.
         seed: seed of every random generator; that of the settings, or 0, when left out.
-        minutes: training time over all sessions; without it and iterations 7 on a GPU, 60 on a CPU.
+        minutes: training time over all sessions [min]; 7 on a GPU and 60 on a CPU without it and iterations.
         iterations: stop at this iteration of the run; at most 30,000.
         environments: robots side by side; 32768 on a GPU and 2048 on a CPU when left out.
         set: a setting that differs from the default, e.g. ppo.steps=16; --dry-run lists all.
         settings: TOML file of the settings that differ, such as the run.toml of another run.
         output: folder of the run: checkpoint, log, run.toml and, at its end, policy.onnx.
         resume: go on from the checkpoint in the folder, where there is one.
-        dry_run: print every setting as a file for --settings, and train nothing.
+        dry_run: print every setting as a file for --settings; train nothing.
         milestones: keep the policy at every multiple of this training time [s], as milestones/0030.pt.
-        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
-        plain: no curves in output/tensorboard.
+        fused: graphs and compiled kernels on a GPU (--no-fused: the same code without them, slowly).
+        plain: write no curves for TensorBoard.
         wandb: project on Weights & Biases that gets the same curves (needs the extra wandb).
     """
     exit_if_worker()
@@ -241,18 +241,18 @@ def sweep(
 ) -> Result:
     """Train methods x seeds x settings, one run on each GPU at a time; start it again and it goes on.
 
-    Every run gets <output>/<method>/seed-<k>/; with --vary there is a folder of that kind a combination.
+    Every run gets a folder <output>/<method>/seed-<k>/; with --vary, one such tree per combination.
     Example: sprintlab sweep runs/study --seeds 3
 
     Args:
         output: folder of the sweep.
         robot: name, folder or table of the robot.
-        methods: to train; all six of the paper when left out.
-        seeds: number of seeds a method, from 0.
+        methods: methods to train; all six of the paper when left out.
+        seeds: number of seeds per method, counted from 0.
         vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
-        minutes: training time of each run; as train has it when left out.
-        iterations: at which each run ends.
-        environments: robots side by side in each run; as train has it when left out.
+        minutes: training time of each run [min]; when left out, the same as that of sprintlab train.
+        iterations: iteration at which each run ends.
+        environments: robots side by side in each run; when left out, as many as in sprintlab train.
         device: auto: all GPUs of this machine, or its CPU; or one of them: cuda:0, cpu.
         parallel: trainings that share a GPU, or the CPU; memory must allow it.
         retries: how often a run that failed or was killed is started again.

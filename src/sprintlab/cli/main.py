@@ -120,18 +120,22 @@ def typed(command: str) -> Any:
         if (name := parameter.arg) == "progress":
             continue
         kind = _kind(_value(parameter.annotation))
-        if name in OPTIONS and f"\n    {name}: " not in documented:
-            kind = Annotated[kind, tyro.conf.arg(help=OPTIONS[name])]
+        shared = None if f"\n    {name}: " in documented else OPTIONS.get(name)
         if parameter in positional:
-            kind = tyro.conf.Positional[kind]
+            shown = f"{name.upper()} ..." if get_origin(kind) is tuple else name.upper()
+            shown = shown if default is None else f"[{shown}]"
+            kind = tyro.conf.Positional[Annotated[kind, tyro.conf.arg(help=shared, metavar=shown)]]
         elif name in REPEATED:
-            kind = tyro.conf.UseAppendAction[kind]
+            kind = tyro.conf.UseAppendAction[Annotated[kind, tyro.conf.arg(help=shared)]]
+        else:
+            kind = Annotated[kind, tyro.conf.arg(help=shared)]
         value = MISSING if default is None else DEFAULTS.get(command, {}).get(name, _value(default))
         options.append((name, kind, field(default=value)))
     if _value(function.returns) is Drawn:
         options.append(("figure", _FIGURE, field(default=None)))
     options.append(("json", _JSON, field(default=False)))
-    return make_dataclass("Typed", options, namespace={"__doc__": documented}, kw_only=True, frozen=True)
+    told = {"__doc__": documented.replace("\nExample:", "\n\nExample:")}  # in a paragraph of its own
+    return make_dataclass("Typed", options, namespace=told, kw_only=True, frozen=True)
 
 
 def _value(expression: ast.expr | None) -> Any:
