@@ -12,8 +12,8 @@ HEADING_GAIN = 4.0
 LATERAL_GAIN = 2.0
 """Rate at which a lateral offset is to shrink [1/s]."""
 
-STEEPEST_COURSE = 0.3
-"""Greatest course angle taken to remove an offset [rad]."""
+STEEPEST_COURSE, LARGEST_YAW_RATE = 0.3, 1.0
+"""Greatest course angle taken to remove an offset [rad], and greatest yaw rate [rad/s]."""
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -41,7 +41,6 @@ def heading_command(
     lateral_offset: Array | float,
     speed: Array | float,
     *,
-    limit: float = 1.0,
     friction: Array | float = 0.7,
 ) -> Array:
     """Yaw-rate command [rad/s] that brings heading and lateral offset to zero.
@@ -57,7 +56,6 @@ def heading_command(
         heading: yaw away from the course [rad], positive to the left.
         lateral_offset: distance from the course [m], positive to the left.
         speed: commanded forward speed [m/s].
-        limit: greatest yaw rate [rad/s].
         friction: coefficient for ``|v w| <= mu g``; the default is the lowest of the evaluation.
     """
     angle, offset, forward = as_array(heading), as_array(lateral_offset), as_array(speed)
@@ -65,6 +63,6 @@ def heading_command(
     direction = xp.where(forward < 0.0, filled(-1.0, forward), filled(1.0, forward))
     pace = direction * xp.maximum(xp.abs(forward), filled(1.0, forward))
     course = clip(-LATERAL_GAIN * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
-    yaw_rate = clip(HEADING_GAIN * wrap_angle(course - angle), -limit, limit)
+    yaw_rate = clip(HEADING_GAIN * wrap_angle(course - angle), -LARGEST_YAW_RATE, LARGEST_YAW_RATE)
     moving = xp.where(xp.abs(forward) < REST_COMMAND, filled(0.0, forward), filled(1.0, forward))
     return limit_yaw_rate(moving * yaw_rate, forward, friction)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +18,6 @@ PACE_WINDOW = 1.0
 BRAKING_WINDOW = 4.0
 """How far a self-paced command may lag it [m/s]. Asked for no more than 1 m/s less than their speed, trained
 policies brake at about 2 m/s^2, half of what the profile asks for, and are still running at its end."""
-
-
-class Phase(NamedTuple):
-    """One phase of a profile: its name, start and end [s]."""
-
-    name: str
-    start: float
-    end: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,27 +50,24 @@ class SpeedProfile(_Rise):
         check_range("rest", self.rest, 0.0, float("inf"), "s")
 
     @property
-    def phases(self) -> tuple[Phase, ...]:
-        """The five phases ``stand, rise, hold, fall, stand`` in order."""
-        rise = self.top_speed / self.acceleration
-        durations = (self.stand, rise, self.hold, rise, self.rest)
-        edges = [0.0, *np.cumsum(durations).tolist()]
-        names = ("stand", "rise", "hold", "fall", "stand")
-        return tuple(Phase(*phase) for phase in zip(names, edges[:-1], edges[1:], strict=True))
+    def hold_interval(self) -> tuple[float, float]:
+        """Start and end of the hold [s]."""
+        start = self.stand + self.top_speed / self.acceleration
+        return start, start + self.hold
+
+    @property
+    def _stop(self) -> float:
+        """When the command is zero again [s]."""
+        return self.hold_interval[1] + self.top_speed / self.acceleration
 
     @property
     def duration(self) -> float:
         """Length of the whole profile [s]."""
-        return self.phases[-1].end
-
-    @property
-    def hold_interval(self) -> tuple[float, float]:
-        """Start and end of the hold [s]."""
-        return self.phases[2].start, self.phases[2].end
+        return self._stop + self.rest
 
     def command(self, time: float | SpeedValues) -> SpeedValues:
         """Commanded forward speed [m/s] at ``time`` [s], of the same shape; zero before and after."""
-        falling = self.acceleration * (self.phases[3].end - np.asarray(time))
+        falling = self.acceleration * (self._stop - np.asarray(time))
         return np.minimum(self._rise(np.asarray(time)), np.maximum(falling, 0.0))
 
 
