@@ -157,8 +157,6 @@ def test_target_distribution():
     yaw_rate = targets.yaw_rate(random)
     assert np.mean(yaw_rate == 0.0) == pytest.approx(0.5, abs=0.006)
     assert -1.0 <= yaw_rate.min() < -0.99 and 0.99 < yaw_rate.max() <= 1.0
-    duration = targets.duration(random)
-    assert 3.0 <= duration.min() < 3.01 and 6.99 < duration.max() <= 7.0
 
 
 def test_targets_persist_until_their_time_is_over():
@@ -170,6 +168,7 @@ def test_targets_persist_until_their_time_is_over():
         over = before.time_to_target - DT <= 0.0
         assert np.all(state.target_speed[~over] == before.target_speed[~over])
         assert np.all(state.target_speed[over] != before.target_speed[over])
+        assert np.all((3.0 <= state.time_to_target[over]) & (state.time_to_target[over] <= 7.0))
 
 
 def test_fresh_environments_redraw_and_the_others_do_not():

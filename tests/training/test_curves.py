@@ -57,5 +57,5 @@ def test_a_run_has_curves_and_weights_and_biases_gets_them(tmp_path: Path, monke
     assert calls[0]["sync_tensorboard"] is True
     assert calls[0]["id"] == calls[1]["id"]
     assert calls[0]["config"]["ppo"]["steps"] == 2
-    with pytest.raises(SprintlabError, match="without tensorboard"):
+    with pytest.raises(SprintlabError, match="curves that --plain leaves out"):
         replace(options, tensorboard=False)

@@ -80,21 +80,16 @@ def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]])
     folder, values = place
     robot = load_robot_file(folder / "parameters.toml")
     asked = {**asdict(settings), "robot_fingerprint": robot_fingerprint(robot)}
-    if (record := read_record(folder)) and record["asked"] == asked:
+    path = folder / RECORD
+    if path.is_file() and (record := read_json(path, what="record"))["asked"] == asked:
         return record
     limits, near = dict[str, Any](), list[Fastest]()
     for model in laws.MODELS:
         stride, limits[model] = laws.design_limit(robot, model, settings, near)
         near.append(stride)
     record = {"design": dict(values), "asked": asked, "current_A": laws.peak_current(robot), "limits": limits}
-    atomic_write_json(folder / RECORD, record)
+    atomic_write_json(path, record)
     return record
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """The record of a design; empty before it has been computed. Raises ``SprintlabError``."""
-    path = folder / RECORD
-    return read_json(path, what="record") if path.is_file() else {}
 
 
 def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:

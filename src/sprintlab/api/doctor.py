@@ -185,5 +185,5 @@ def room_at(folder: Path) -> Outcome:
         advice = "choose another folder with --output, or change its permissions"
         return "broken", f"{place} is read-only", advice
     free = shutil.disk_usage(place).free
-    advice = f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB" if free < LEAST_DISK else ""
+    advice = f"make room: a training needs {LEAST_DISK / 1e9:.0f} GB" if free < LEAST_DISK else ""
     return "broken" if advice else "ok", f"{free / 1e9:.1f} GB free at {place}", advice

@@ -154,7 +154,7 @@ def _shown(policy: str, searches: dict[str, dict[str, Any]]) -> Iterator[Rendera
         yield records(f"\nCommands, {name}", rows)
         yield from ((search["best"] or {}).get("audit_failed") or {}).values()
         if search["estimate"]:
-            title = f"\nEstimate against truth at the highest command passed, {name}: rms errors, SI units"
+            title = f"\nErrors of the robot's estimate at the highest command passed, {name}: rms, SI units"
             yield records(title, search["estimate"])
 
 

@@ -104,7 +104,7 @@ def audit_rollout(
         if not recorded.joint_names:
             count, names = len(recorded.names), ", ".join(motors.names)
             if count != len(motors.names):
-                allowed = f"needed: {count} columns cannot be those of {names}"
+                allowed = f"the recording must name its joints: it has {count}, and {motor} has {names}"
                 raise InvalidValueError("joint_names", None, allowed)
             recorded, assumed = replace(recorded, joint_names=motors.names), motors.names
     else:

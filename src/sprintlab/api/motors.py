@@ -50,7 +50,7 @@ def chosen_motor(
         check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
         if bus_voltage is None:
-            raise SprintlabError(f"bus_voltage is not given: {source} describes a motor without its bus")
+            raise SprintlabError(f"bus_voltage is not given, and {source} describes a motor without a bus")
         (motor, gear), own, name = file_motor(source), bus_voltage, Path(source).stem
     elif source in library_motors():
         actuator = load_library_motor(source)
@@ -82,7 +82,7 @@ def file_motor(source: str) -> tuple[PmsmParameters, Gear]:
         return datasheet.convert_datasheet(sheet).motor, Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)
     motor = motors.load_motor(source)
     if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
-        raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
+        raise InvalidValueError(source, "several motors", "must hold one motor, one number per field")
     return motors.single(motor), Gear(ratio=1.0, efficiency=1.0)
 
 

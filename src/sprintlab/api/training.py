@@ -164,7 +164,7 @@ def train(
     numbers = {"folder": str(folder), "iterations": len(log), **(log[-1] if log else {})}
     shown: list[Any] = []
     if os.environ.get("RANK", "0") == "0":  # one of several processes prints
-        remark("three trials in the plant tell what the policy reached")
+        remark("running three trials in the plant to see what the policy reached")
         told = {name: numbers[name] for name in _SHOWN if name in numbers}
         shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]
         trained = read_checkpoint(folder / "checkpoint.pt")["settings"]  # a resumed run keeps its own

@@ -116,10 +116,6 @@ class TargetSampling:
         grid_speed, grid_yaw_rate = self.grid.draw(weights, places, lower, upper)
         return xp.where(ours, grid_speed, speed), xp.where(ours, grid_yaw_rate, yaw_rate)
 
-    def duration(self, random: Array) -> Array:
-        """Times for which the targets persist [s] ``(n,)``."""
-        return between(self.persistence, random[:, 4])
-
     def advance(self, state: CommandState, step: CommandStep) -> tuple[CommandState, Array]:
         """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
         xp = namespace(step.random)
@@ -129,7 +125,7 @@ class TargetSampling:
         return state._replace(
             target_speed=xp.where(renewed, speed, state.target_speed),
             target_yaw_rate=xp.where(renewed, yaw_rate, state.target_yaw_rate),
-            time_to_target=xp.where(renewed, self.duration(step.random), remaining),
+            time_to_target=xp.where(renewed, between(self.persistence, step.random[:, 4]), remaining),
         ), renewed
 
 

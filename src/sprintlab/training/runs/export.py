@@ -59,11 +59,11 @@ def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
             as the training has seen them.
     """
     state = read_checkpoint(checkpoint)
-    actor = actor_from_checkpoint(state)
-    settings: TrainingSettings = state["settings"]
-    network = _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size)
-    data = _with_contract(network, state)
-    difference = _difference(data, actor, load_robot(settings.robot))
+    actor, robot = actor_from_checkpoint(state), load_robot(state["settings"].robot)
+    check_robot(state, robot)
+    network = _onnx_bytes(actor, actor.history_length * actor.frame_size)
+    data = _with_contract(network, state, robot)
+    difference = _difference(data, actor, robot)
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, difference)
 
@@ -84,10 +84,8 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     return buffer.getvalue()
 
 
-def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
+def _with_contract(data: bytes, state: dict[str, Any], robot: RobotDescription) -> bytes:
     settings: TrainingSettings = state["settings"]
-    robot = load_robot(settings.robot)
-    check_robot(state, robot)
     record = TrainingRecord(
         method=settings.method,
         actuator_model=settings.actuator_model,

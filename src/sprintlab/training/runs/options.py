@@ -66,7 +66,7 @@ class TrainOptions:
         if self.environments is not None:
             check_range("environments", self.environments, 2, MOST_ENVIRONMENTS)
         if self.wandb is not None and not self.tensorboard:
-            raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
+            raise InvalidValueError("wandb", self.wandb, "it copies the curves that --plain leaves out")
 
     @property
     def checkpoint(self) -> Path:
@@ -104,7 +104,7 @@ def check_places(options: TrainOptions) -> None:
     _check_device(options.device)
     if options.checkpoint.exists():
         if not options.resume:
-            raise SprintlabError(f"{options.checkpoint} exists: choose another output, or resume it")
+            raise SprintlabError(f"{options.checkpoint} exists: choose another --output, or --resume")
         read_checkpoint(options.checkpoint)
     load_robot(options.settings.robot)
     check_writable(options.checkpoint)

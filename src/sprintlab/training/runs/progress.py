@@ -111,7 +111,7 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
 def preparing(quiet: bool) -> Generator[None]:
     """Say on stderr that kernels are being compiled."""
     console = Console(stderr=True, highlight=False, quiet=quiet)
-    text = "preparing: kernels are compiled, once a machine (up to two minutes)"
+    text = "preparing: kernels are compiled, once per machine (up to two minutes)"
     began = time.monotonic()
     with console.status(text) if console.is_terminal else nullcontext(console.print(text, soft_wrap=True)):
         yield

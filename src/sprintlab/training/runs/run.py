@@ -35,7 +35,7 @@ def pick_device(wanted: str) -> str:
     if wanted == "auto":
         return "cuda:0" if count else "cpu"
     if wanted.startswith("cuda") and int(wanted.partition(":")[2] or 0) >= count:
-        raise SprintlabError(f"device {wanted} asked for, but the GPUs that PyTorch sees are {count}")
+        raise SprintlabError(f"device {wanted} asked for, but PyTorch sees {count} GPUs")
     return wanted
 
 

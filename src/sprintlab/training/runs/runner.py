@@ -307,7 +307,7 @@ class Runner:
             SprintlabError: the state is a milestone, a policy without what training needs, or does not fit.
         """
         if "learner" not in state:
-            raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
+            raise SprintlabError("a milestone holds a policy only: it can be exported, not trained further")
         with refused_as_damaged("the checkpoint", "does not fit this run"):
             self.learner.load_state_dict(state["learner"])
             self.growth = replace(self.growth, **state["growth"])

@@ -57,7 +57,7 @@ def plain_line(row: Mapping[str, float]) -> str:
         f"iteration {row['iteration']:.0f}, {count(row['steps_per_second'])} steps/s, "
         f"reward {row['reward']:.3g}, speed {row['speed_median']:.2f} m/s, "
         f"fastest 5 % {row['speed_p95']:.2f}, commands up to {row['range_upper']:.1f}, "
-        f"{_STEPS_PER_MINUTE * row['falls']:.2f} falls a minute{broken}"
+        f"{_STEPS_PER_MINUTE * row['falls']:.2f} falls per minute{broken}"
     )
 
 
@@ -128,7 +128,7 @@ def _general(row: Mapping[str, float], left: float) -> Iterator[tuple[str, str]]
     yield "speed, median", f"{row['speed_median']:.2f} m/s"
     yield "speed, fastest 5 %", f"{row['speed_p95']:.2f} m/s"
     yield "commands up to", f"{row['range_upper']:.2f} m/s"
-    yield "error of the speed", f"{row['command_error']:.2f} m/s"
+    yield "speed error", f"{row['command_error']:.2f} m/s"
     yield "action noise", f"{row['action_std']:.3f}"
 
 
