@@ -168,7 +168,7 @@ def test_targets_persist_until_their_time_is_over():
         over = before.time_to_target - DT <= 0.0
         assert np.all(state.target_speed[~over] == before.target_speed[~over])
         assert np.all(state.target_speed[over] != before.target_speed[over])
-        assert np.all((3.0 <= state.time_to_target[over]) & (state.time_to_target[over] <= 7.0))
+        assert np.all((state.time_to_target[over] >= 3.0) & (state.time_to_target[over] <= 7.0))
 
 
 def test_fresh_environments_redraw_and_the_others_do_not():
