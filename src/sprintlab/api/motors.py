@@ -210,14 +210,11 @@ def actuators(name: str | None = None, *, save: Path | None = None) -> Drawn:
         raise InvalidValueError("save", str(save), "name the actuator to save")
     known = {each: load_library_motor(each) for each in (library_motors() if name is None else (name,))}
     numbers = [_actuator_numbers(each) for each in known.values()]
+    shown: list[RenderableType]
     if name is None:
-        note = (
-            "joint side, rad/s and N m; corner: up to there the peak torque fits; lost: what v_d takes of it"
-        )
-        shown: list[RenderableType] = [
-            records("Actuators", [dict(list(each.items())[:-2]) for each in numbers]),
-            note,
-        ]
+        rows = [{key: each[key] for key in each if key not in ("title", "values")} for each in numbers]
+        note = "joint side, rad/s and N m; corner: highest speed with peak torque; lost: share that v_d takes"
+        shown = [records("Actuators", rows), note]
     else:
         rows = [{"quantity": key, **item} for key, item in numbers[0]["values"].items()]
         shown = [records(numbers[0]["title"], rows)]

@@ -62,9 +62,6 @@ class Race(Drawn):
 
         Returns:
             The page, ``report.html``.
-
-        Raises:
-            SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
         with reserved_directory(Path(folder) if folder else default_folder()) as target:
             self._write(target, video, silent)

@@ -151,11 +151,7 @@ def play(
 
 
 def live_session(names: Sequence[str], robot: RobotChoice) -> Session:
-    """The running robot behind such a page, with the policies that it can switch between.
-
-    Raises:
-        SprintlabError: a policy or the robot is refused, or none fits.
-    """
+    """The running robot behind such a page, with the policies that it can switch between."""
     from sprintlab.viewer.live import Session
 
     chosen = names or sorted(control.shipped_policies(), key=lambda name: (name != "sprint", name))

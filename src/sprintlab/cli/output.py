@@ -23,12 +23,7 @@ LINE_SECONDS = 10.0
 
 
 def exit_status(program: str, work: Callable[[], int]) -> int:
-    """Do a command's work and return its exit status; no expected failure shows a traceback.
-
-    Args:
-        program: name that begins the sentence on stderr.
-        work: parses and runs; returns the status where nothing fails.
-    """
+    """Exit status of a command's work; an expected failure is one sentence on stderr after its name."""
     try:
         with tidy_termination():
             status = work()
@@ -58,14 +53,7 @@ def print_json(data: Any) -> None:
 
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Progress]:
-    """Yield ``report(what, share)``, shown on stderr: a bar on a terminal, elsewhere a line now and then.
-
-    Args:
-        quiet: show nothing.
-
-    Yields:
-        A function of a text and the share done, 0 to 1; ``None`` where it is not known.
-    """
+    """Yield a ``Progress`` that is shown on stderr: a bar on a terminal, elsewhere a line now and then."""
     console = PlainConsole(stderr=True, highlight=False, markup=False)
     if quiet or not console.is_terminal:
         yield silent if quiet else _LinesOfProgress(console)

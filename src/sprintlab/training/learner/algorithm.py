@@ -313,11 +313,7 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take up a run: values are copied into the tensors that the graphs know.
-
-        Raises:
-            SprintlabError: the optimizers' state is not that of these networks.
-        """
+        """Take up a run; values are copied into the tensors of the graphs. Raises ``SprintlabError``."""
         moments = self._moments()
         if [value.shape for value in state["moments"]] != [value.shape for value in moments]:
             raise SprintlabError(

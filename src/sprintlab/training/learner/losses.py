@@ -79,7 +79,6 @@ def generalized_advantages(
             was broken ``(n, T)``.
         time_outs: 1 where the episode was truncated: its future is bootstrapped ``(n, T)``.
         last_value: value estimate of the states after the last step ``(n,)``.
-        settings: discount.
     """
     rewards = rewards + settings.discount * values * time_outs
     not_done = 1.0 - ends

@@ -92,10 +92,6 @@ class Basis(nn.Module):
     map is orthogonal, its transpose its inverse. Both halves are filled up with zeros to the same number of
     columns. Without a mirror there is one half, the vector itself.
 
-    Args:
-        size: length of the vector.
-        mirror: mirror of the vector.
-
     Attributes:
         halves: 2, or 1 without a mirror.
         columns: columns of each half.

@@ -45,7 +45,6 @@ class Normalizer(nn.Module):
     """Subtracts the running mean and divides by the running deviation of each number ``(..., size)``.
 
     Args:
-        size: length of the vector.
         mirror: mirror image of the vector, if mirror images of the samples shall count as well.
         others: numbers behind the vector that are not normalized.
     """
@@ -117,8 +116,6 @@ class Estimator(nn.Module):
     """History to estimate and latent, and back to the next frame.
 
     Args:
-        observation: what the robot sees.
-        settings: widths and scales.
         height: trunk height about which the height estimate is centred [m].
         symmetric: whether a mirrored history gives the mirrored estimate.
     """

@@ -60,10 +60,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
-    """Refuse another robot than the one that was trained: a policy would bear its name, and a run mix both.
+    """Refuse a robot whose table has changed since the training. Raises ``SprintlabError``.
 
-    Raises:
-        SprintlabError: its table has changed since.
+    A policy would bear its name, and a run mix both.
     """
     if state["robot_fingerprint"] != robot_fingerprint(robot):
         raise SprintlabError(

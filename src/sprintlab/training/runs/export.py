@@ -54,7 +54,7 @@ def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
     Raises:
-        SprintlabError: the checkpoint cannot be read, its robot's table has changed, or the disk refuses.
+        SprintlabError: the robot's table has changed since the training.
         PolicyFileError: ONNX Runtime and PyTorch differ by more than ``EXPORT_TOLERANCE`` on random inputs
             as the training has seen them.
     """

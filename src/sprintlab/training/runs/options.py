@@ -96,11 +96,7 @@ class TrainOptions:
 
 
 def check_places(options: TrainOptions) -> None:
-    """Refuse a run that cannot begin: its device, robot or folder.
-
-    Raises:
-        SprintlabError: names what is in the way.
-    """
+    """Refuse a run that cannot begin: its device, robot or folder. Raises ``SprintlabError``."""
     _check_device(options.device)
     if options.checkpoint.exists():
         if not options.resume:

@@ -72,9 +72,7 @@ class Runner:
         command_line: Command as typed, which goes into the policy's contract.
 
     Attributes:
-        length: When the run ends.
         best: Policy of the best exam so far; None: no exam has kept the audit's limits.
-        last_exam: The latest exam.
     """
 
     def __init__(
@@ -280,19 +278,11 @@ class Runner:
         }
 
     def save(self, path: Path) -> None:
-        """Write the checkpoint in one step.
-
-        Raises:
-            SprintlabError: the disk refuses; the checkpoint that was there stays.
-        """
+        """Write the checkpoint in one step; where the disk refuses, the one that was there stays."""
         write_checkpoint(self.state(), path)
 
     def save_policy(self, path: Path) -> None:
-        """Write what ``sprintlab export`` reads and nothing else: a milestone of a run.
-
-        Raises:
-            SprintlabError: the disk refuses.
-        """
+        """Write what ``sprintlab export`` reads and nothing else: a milestone of a run."""
         progress = replace(self.progress, log=[])
         write_checkpoint({**self._description(), "policy": self.mean, "progress": progress}, path)
 
@@ -303,8 +293,7 @@ class Runner:
     def load(self, state: dict[str, Any]) -> None:
         """Resume a run from its checkpoint; robots start from standing, with new random numbers.
 
-        Raises:
-            SprintlabError: the state is a milestone, a policy without what training needs, or does not fit.
+        A milestone, a policy without what training needs, is refused with ``SprintlabError``.
         """
         if "learner" not in state:
             raise SprintlabError("a milestone holds a policy only: it can be exported, not trained further")

@@ -134,7 +134,7 @@ def train_all(
             failed.
 
     Raises:
-        SprintlabError: a folder holds another run, or runs failed; the message names them and why.
+        SprintlabError: a folder holds another run, or runs failed.
     """
     for run in runs:
         run.check()
