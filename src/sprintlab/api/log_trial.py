@@ -6,8 +6,10 @@ in the trajectory made here; nothing that is drawn or printed from a log uses it
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,19 +165,12 @@ def _motor_side(
 def _trial(
     trajectory: Trajectory, robot: RobotDescription, hold: tuple[float, float], completed: bool
 ) -> TrialResult:
-    nan = float("nan")
     margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
-    metrics = replace(
-        trial_metrics(trajectory, robot, hold),
-        pad_deflection=nan,
-        smallest_leg_distance=nan,
-        slip_per_step=nan,
-        foot_force=nan,
-        duty_factor=(nan,) * len(robot.leg_names),
-        mean_duty=nan,
-        load_share=(nan,) * len(robot.leg_names),
-        envelope_share=tuple(envelope_share(trajectory, margin).tolist()),
-    )
+    shares = tuple(envelope_share(trajectory, margin).tolist())
+    unknown = ("pad_deflection", "smallest_leg_distance", "slip_per_step", "foot_force", "mean_duty")
+    nothing: dict[str, Any] = dict.fromkeys(unknown, math.nan)
+    nothing |= dict.fromkeys(("duty_factor", "load_share"), (math.nan,) * len(robot.leg_names))
+    metrics = replace(trial_metrics(trajectory, robot, hold), envelope_share=shares, **nothing)
     return TrialResult(
         settings=TrialSettings(),
         top_speed=float(trajectory.command[:, 0].max()),

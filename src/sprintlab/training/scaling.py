@@ -12,9 +12,9 @@ from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.terms import Parameter, RandomizationTerm, RewardTerm
+from sprintlab.training.terms import Parameter, Term
 
-Term = TypeVar("Term", RewardTerm, RandomizationTerm)
+AnyTerm = TypeVar("AnyTerm", bound=Term)
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
 
@@ -68,7 +68,7 @@ def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
     )
 
 
-def _scaled_term(term: Term, scales: Mapping[str, Callable[[float], float]]) -> Term:
+def _scaled_term(term: AnyTerm, scales: Mapping[str, Callable[[float], float]]) -> AnyTerm:
     """A term whose parameters of a known name are scaled."""
 
     def scaled(name: str, value: Parameter) -> Parameter:

@@ -16,33 +16,38 @@ SPEED_HELD, YAW_RATE_HELD = "speed_held", "yaw_rate_held"
 in the fine-tuning phase. From the start it would keep robots from learning to run."""
 
 
-def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Parameter]) -> None:
-    """Refuse parameters that a function of one more argument does not have, and those that it lacks."""
-    signature = inspect.signature(function)
-    try:
-        signature.bind(None, **parameters)
-    except TypeError as error:
-        name = getattr(function, "__name__", str(function))
-        raise InvalidValueError("parameters", dict(parameters), f"{error}: {name}{signature}") from error
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A function of a run and its parameters."""
+
+    function: Callable[..., Any]
+    """One of ``environment.rewards`` or ``environment.randomization``, or one's own."""
+    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+    """Its arguments but the first. Those named as in ``scaling.scales`` are scaled to the robot's size."""
+
+    def __post_init__(self) -> None:
+        signature = inspect.signature(self.function)
+        try:
+            signature.bind(None, **self.parameters)
+        except TypeError as error:
+            name = getattr(self.function, "__name__", str(self.function))
+            allowed = f"{error}: {name}{signature}"
+            raise InvalidValueError("parameters", dict(self.parameters), allowed) from error
 
 
 @dataclass(frozen=True, kw_only=True)
-class RewardTerm:
-    """One term of the reward."""
+class RewardTerm(Term):
+    """One term of the reward: its function is ``(RewardInput, parameters) -> (n,)``."""
 
-    function: Callable[..., Any]
-    """Function of ``environment.rewards``, or one's own: ``(RewardInput, parameters) -> (n,)``."""
     weight: float | tuple[float, float]
     """One number, or one of stage I and one of stage II; negative for a penalty."""
-    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
-    """Arguments of the function. Those named as in ``scaling.scales`` are scaled to the robot's size."""
     tied: bool = False
     """Whether the term, a reward, is multiplied by how well the command is held. Without it slow robots earn
     more than fast ones, since penalties take most of what a runner earns, and fast robots do not turn, since
     turning costs speed."""
 
     def __post_init__(self) -> None:
-        check_parameters(self.function, self.parameters)
+        super().__post_init__()
         for weight in self.weights:
             check_finite("weight", weight)
         if min(self.weights) < 0.0 and (max(self.weights) > 0.0 or self.tied):
@@ -72,15 +77,11 @@ def term(
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomizationTerm:
-    """One thing that differs from robot to robot."""
-
-    function: Callable[..., Any]  # one of environment.randomization, or one's own: (Fleet, parameters)
-    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
-    """Parameters of the function; a pair is an interval."""
+class RandomizationTerm(Term):
+    """One thing that differs from robot to robot, drawn by ``(Fleet, parameters)``; a pair is an interval."""
 
     def __post_init__(self) -> None:
-        check_parameters(self.function, self.parameters)
+        super().__post_init__()
         for name, value in self.parameters.items():
             if isinstance(value, tuple):
                 check_interval(name, value, -1e9, 1e9)
