@@ -68,7 +68,8 @@ def tensors(environment: SprintEnvironment) -> dict[str, torch.Tensor]:
     """Everything that a step reads and changes, by name: the tensors themselves."""
     own = (
         "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
-        "running_yaw_rate", "running_side_speed", "course", "filtered", "estimate", "held", "history",
+        "running_yaw_rate", "running_side_speed", "running_command", "course",
+        "filtered", "estimate", "held", "history",
         "grid_weights", "tracked",
         "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
         "time_out", "done", "ended_share", "chances", "record", "handedness",

@@ -134,6 +134,24 @@ def test_a_held_target_opens_the_grid_around_it(environment: SprintEnvironment) 
     assert torch.count_nonzero(gained) == 9
 
 
+def test_command_and_speed_are_averaged_alike(environment: SprintEnvironment) -> None:
+    """Robots that stay 1 m/s above a changing command are paid for an error of 1 m/s."""
+    environment.running_command[:, 0] = environment.running_speed - 1.0
+    speeds = []
+
+    def ask() -> None:
+        speed = environment.kinematics.read().velocity[:, 0]
+        environment.commands.command[:, 0] = speed - 1.0
+        speeds.append(speed.clone())
+
+    for _ in range(5):
+        environment.advance(between=ask)
+        assert not environment.done.any()
+        error = environment.running_speed - environment.running_command[:, 0]
+        torch.testing.assert_close(error, torch.ones(N), atol=1e-5, rtol=0.0)
+    assert (speeds[-1] - speeds[0]).abs().max() > 0.01
+
+
 def test_state_is_all_that_a_step_needs(environment: SprintEnvironment) -> None:
     saved = {name: value.clone() for name, value in tensors(environment).items()}
     action = 0.1 * torch.randn(N, 12)

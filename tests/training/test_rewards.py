@@ -52,13 +52,15 @@ def still(**body: torch.Tensor) -> RewardInput:
         running_speed=torch.zeros(1),
         running_yaw_rate=torch.zeros(1),
         running_side_speed=torch.zeros(1),
+        running_command=torch.zeros(1, 3),
         weight=torch.tensor([400.0]),
     )
 
 
 def asked(*command: float, target: float = 20.0, **body: torch.Tensor) -> RewardInput:
     """One robot with a command, of which the forward part moves toward a target."""
-    return still(**body)._replace(command=row(*command), target_speed=torch.tensor([target]))
+    inputs = still(**body)._replace(command=row(*command), running_command=row(*command))
+    return inputs._replace(target_speed=torch.tensor([target]))
 
 
 def loaded(**loads: torch.Tensor) -> RewardInput:
@@ -138,8 +140,7 @@ def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
 
 
 def test_fine_tracking_has_a_slope_everywhere() -> None:
-    inputs = still()._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
-    inputs = inputs._replace(command=row(10, 0, 0))
+    inputs = asked(10, 0, 0)._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
     assert value(TABLE["speed_held"], inputs) == pytest.approx(math.exp(-9.0 / (0.3 + 0.065 * 10.0)))
     turn = 0.5 * (math.exp(-0.2 / 0.1) + math.exp(-0.2 / 0.4))
     assert value(TABLE["yaw_rate_held"], inputs) == pytest.approx(turn)
@@ -149,9 +150,8 @@ def test_fine_tracking_has_a_slope_everywhere() -> None:
 def test_what_is_tied_is_paid_by_how_well_the_command_is_held(tied: bool, steady: bool) -> None:
     """Progress, too, which pays robots that dawdle; the turn counts in the fine-tuning phase."""
     table = {name: replace(each, tied=each.tied and tied) for name, each in TABLE.items()}
-    running = still(velocity=row(9, 0, 0))._replace(
-        command=row(10, 0, 0.1), running_speed=torch.tensor([9.0]), target_speed=torch.tensor([10.0])
-    )
+    running = asked(10, 0, 0.1, target=10.0, velocity=row(9, 0, 0))
+    running = running._replace(running_speed=torch.tensor([9.0]))
     turn = 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
     held = math.exp(-1.0 / 0.95) * (turn if steady else 1.0)
     others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9 + 3.5 * turn

@@ -53,6 +53,7 @@ class RewardInput(NamedTuple):
     running_speed: torch.Tensor  # forward speed, averaged over about a stride [m/s] (n,)
     running_yaw_rate: torch.Tensor  # averaged alike [rad/s] (n,)
     running_side_speed: torch.Tensor  # to the left, averaged alike [m/s] (n,)
+    running_command: torch.Tensor  # the command, averaged alike (n, 3)
     weight: torch.Tensor | float  # weight of the robot [N] (n,)
     no_load_speed: torch.Tensor | float = math.inf
     """No-load speed of each joint on the robot's own bus [rad/s] ``(joints,)``."""
@@ -84,17 +85,22 @@ def progress(x: RewardInput, *, speed: float) -> torch.Tensor:
 
 
 def speed_held(x: RewardInput, *, speed: float, share: float) -> torch.Tensor:
-    """``exp(-|command - running speed| / (speed + share |command|))``: the mean speed of about a stride.
+    """``exp(-|command - speed| / (speed + share |command|))``, both averaged over about a stride.
 
-    The paper's kernel, 1 m/s wide, is flat where a good runner is; this one has a slope everywhere.
+    The paper's kernel, 1 m/s wide, is flat where a good runner is; this one has a slope everywhere. An
+    average is late: held against the command of the moment, it would ask a robot that brakes to be slower
+    than its command, and to brake harder than the command until it is.
     """
-    command = x.command[:, 0]
+    command = x.running_command[:, 0]
     return (-(command - x.running_speed).abs() / (speed + share * command.abs())).exp()
 
 
 def yaw_rate_held(x: RewardInput, *, yaw_rates: tuple[float, float]) -> torch.Tensor:
-    """Mean of ``exp(-|error| / width)`` over two widths [rad/s]: a narrow one, and one for large errors."""
-    error = (x.command[:, 2] - x.running_yaw_rate).abs()
+    """Mean of ``exp(-|error| / width)`` over two widths [rad/s]: a narrow one, and one for large errors.
+
+    Command and yaw rate are averaged over about a stride.
+    """
+    error = (x.running_command[:, 2] - x.running_yaw_rate).abs()
     narrow, wide = ((-error / width).exp() for width in yaw_rates)
     return 0.5 * (narrow + wide)
 

@@ -184,6 +184,7 @@ class SprintEnvironment:
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
         self.running_yaw_rate, self.running_side_speed, self.course = zeros(n), zeros(n), zeros(n)
+        self.running_command = zeros(n, 3)
         self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
         self.held = zeros(n)  # share of the default pose in the next targets
         self.history = zeros(n, layout.history_length, layout.frame_size)
@@ -276,6 +277,7 @@ class SprintEnvironment:
         self.running_speed.add_(SPEED_AVERAGE * (body.velocity[:, 0] - self.running_speed))
         self.running_side_speed.add_(SPEED_AVERAGE * (body.velocity[:, 1] - self.running_side_speed))
         self.running_yaw_rate.add_(SPEED_AVERAGE * (body.angular_velocity[:, 2] - self.running_yaw_rate))
+        self.running_command.add_(SPEED_AVERAGE * (self.commands.command - self.running_command))
         ends = find_ends(
             body,
             self.engine.qvel,
@@ -315,6 +317,7 @@ class SprintEnvironment:
             running_speed=self.running_speed,
             running_yaw_rate=self.running_yaw_rate,
             running_side_speed=self.running_side_speed,
+            running_command=self.running_command,
             weight=self.engine.weight,
             no_load_speed=self.no_load_speed,
         )
@@ -456,7 +459,7 @@ class SprintEnvironment:
         self._put(self.handedness, starts.restarted, drawn)
         taken_over = (
             self.filtered, self.history, self.held, self.course, self.tracked, self.handedness,
-            *self.commands,
+            self.running_command, *self.commands,
         )  # fmt: skip
         for buffer in taken_over:
             self._put(buffer, starts.copied, buffer[starts.donors])
@@ -525,6 +528,7 @@ class SprintEnvironment:
         advanced = self._hold_heading(advanced, renewed)
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
+        self._put(self.running_command, reset_mask, self.commands.command)
 
     def _within_record(self, target: torch.Tensor, renewed: torch.Tensor) -> torch.Tensor:
         """New targets of the fine-tuning phase: scaled to what the robot has lately run, and a margin."""
