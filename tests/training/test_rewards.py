@@ -146,6 +146,12 @@ def test_fine_tracking_has_a_slope_everywhere() -> None:
     assert value(TABLE["yaw_rate_held"], inputs) == pytest.approx(turn)
 
 
+@pytest.mark.parametrize(("speed", "error"), [(10.5, 0.0), (9.5, 0.0), (11.8, 1.0)])
+def test_a_brake_may_lag_behind_its_command(speed: float, error: float) -> None:
+    braking = asked(10, 0, 0, target=0.0)._replace(running_speed=torch.tensor([speed]))
+    assert value(TABLE["speed_held"], braking) == pytest.approx(math.exp(-error / 0.95), rel=1e-5)
+
+
 @pytest.mark.parametrize(("tied", "steady"), [(True, False), (True, True), (False, False)])
 def test_what_is_tied_is_paid_by_how_well_the_command_is_held(tied: bool, steady: bool) -> None:
     """Progress, too, which pays robots that dawdle; the turn counts in the fine-tuning phase."""

@@ -23,7 +23,7 @@ def default_rewards() -> Rewards:
         "linear_tracking": term(rewards.linear_tracking, 1.0, tied=True),
         "angular_tracking": term(rewards.angular_tracking, 0.5, tied=True, sharpness=1.0),
         "progress": term(rewards.progress, 1.5, tied=True, speed=10.0),
-        "speed_held": term(rewards.speed_held, 4.0, speed=0.3, share=0.065),
+        "speed_held": term(rewards.speed_held, 4.0, speed=0.3, share=0.065, brake_lag=0.8),
         "yaw_rate_held": term(rewards.yaw_rate_held, 3.5, tied=True, yaw_rates=(0.1, 0.4)),
         "vertical_velocity": term(rewards.vertical_velocity, -2.0),
         "joint_power": term(rewards.joint_power, -1e-6),

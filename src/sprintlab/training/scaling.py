@@ -45,6 +45,7 @@ def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
         "height": lambda height: small.foot_radius + length * (height - large.foot_radius),
         "distance": lambda distance: length * distance,
         "speed": lambda value: speed * value,
+        "brake_lag": lambda value: speed * value,
         "yaw_rates": lambda rate: rate / speed,
         "mass": lambda value: mass * value,
     }

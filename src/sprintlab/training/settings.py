@@ -92,7 +92,7 @@ class Constraint:
 class ConstraintSettings:
     """What ends a share of the future: see ``environment.constraints``."""
 
-    foot: Constraint = Constraint(limit=3.3, full=4.0, aim=0.015, caps=(0.1, 0.2, 0.6))
+    foot: Constraint = Constraint(limit=3.3, full=4.2, aim=0.015, caps=(0.1, 0.2, 0.6))
     """Force of a foot [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights."""
     gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)  # torque through a gear [peak torques]
     legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)

@@ -119,6 +119,6 @@ def default_randomization() -> dict[str, RandomizationTerm]:
         "winding_resistance": drawn(winding_resistance, between=(1.0, 1.25)),
         "dry_friction": drawn(dry_friction, between=(0.7, 1.3)),
         "slope": drawn(slope, between=(-0.05, 0.05)),
-        "delay": drawn(delay, between=(0.0, 0.01), jitter=0.0025),
+        "delay": drawn(delay, between=(0.0, 0.0125), jitter=0.0025),
         "joint_offset": drawn(joint_offset, between=(-0.02, 0.02)),
     }

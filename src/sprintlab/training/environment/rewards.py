@@ -84,15 +84,18 @@ def progress(x: RewardInput, *, speed: float) -> torch.Tensor:
     return along.clamp(min=0.0).minimum(wanted) / speed
 
 
-def speed_held(x: RewardInput, *, speed: float, share: float) -> torch.Tensor:
+def speed_held(x: RewardInput, *, speed: float, share: float, brake_lag: float) -> torch.Tensor:
     """``exp(-|command - speed| / (speed + share |command|))``, both averaged over about a stride.
 
     The paper's kernel, 1 m/s wide, is flat where a good runner is; this one has a slope everywhere. An
     average is late: held against the command of the moment, it would ask a robot that brakes to be slower
-    than its command, and to brake harder than the command until it is.
+    than its command, and to brake harder than the command until it is. A robot needs a stride before it can
+    brake at all: while its command falls, an error of up to ``brake_lag`` [m/s] is free.
     """
     command = x.running_command[:, 0]
-    return (-(command - x.running_speed).abs() / (speed + share * command.abs())).exp()
+    braking = (x.command[:, 0].abs() > x.target_speed.abs()).float()
+    error = ((command - x.running_speed).abs() - brake_lag * braking).clamp(min=0.0)
+    return (-error / (speed + share * command.abs())).exp()
 
 
 def yaw_rate_held(x: RewardInput, *, yaw_rates: tuple[float, float]) -> torch.Tensor:
