@@ -7,8 +7,10 @@ import math
 import shutil
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -26,7 +28,7 @@ from sprintlab.evaluation.results import SpeedResult, SprintResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import on_engine
 from sprintlab.robots import load_robot
-from studies.paper.paper import PAPER_TABLE
+from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import (
     DRAKE,
     NOMINAL,
@@ -43,22 +45,29 @@ from studies.paper.record import (
     record_path,
     write_run,
 )
+from studies.paper.verdicts import CLAIMS
 
 PACKAGES = ("sprintlab", "mujoco", "numpy", "onnxruntime")
-TRIALS_ELSEWHERE = 5
-"""Seeded trials per speed on the weak and the strong edition and in Drake."""
+TRIALS_ELSEWHERE, START_BELOW = 5, 4.0
+"""Seeded trials per speed on the weak and the strong edition and in Drake, and how far below the speed that a
+policy holds on the nominal robot they begin [m/s]."""
+COMPARED = {REFERENCE_METHOD, *(claim.other for claim in CLAIMS)}
+"""Methods that run there."""
+TOGETHER = 3
+"""Policies evaluated at a time: while one waits for the last trial of a speed, others use the cores."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
     """Run the policies of ``<runs>/<preset>/<method>/seed-<k>/policy.onnx`` where they have not run yet.
 
-    All on the nominal robot and its weak and strong edition, the faster half of each method also in Drake. A
-    record is written as soon as its policy has run at a place: a command that was stopped goes on there.
-    The median policy of each of the six methods is copied beside its records.
+    All on the nominal robot. Those of the methods that a claim compares also on its weak and strong edition,
+    and the faster half of each method in Drake. A record is written as soon as its policy has run at a place:
+    a command that was stopped goes on there. The median policy of each of the six methods is copied beside
+    its records.
 
     Attributes:
-        runs: folder of finished runs.
+        runs: folder of finished runs, or of records with their median policies.
         results: folder of the records.
         places: where to run them.
         workers: processes; one per core when left out.
@@ -84,12 +93,17 @@ class Evaluate:
         for place in self.places:
             check_choice("places", place, PLACES)
         policies = find_policies(self.runs)
-        with progress_bar() as report, WorkerProcesses(self.workers) as processes:
+        together = min(TOGETHER, self.workers or TOGETHER)
+        with (
+            progress_bar() as report,
+            ThreadPoolExecutor(together) as threads,
+            WorkerProcesses(self.workers) as processes,  # ends first, and with it what the threads wait for
+        ):
             for place in (each for each in PLACES if each in self.places):
                 todo = [each for each in policies if self._lacks(*each, place)]
-                for number, (policy, preset) in enumerate(todo):
-                    report(f"{policy.parent.parent.name}, {policy.parent.name}, {place}", number / len(todo))
-                    write_run(self.results, self._evaluated(policy, preset, place, processes))
+                work = partial(self._evaluate, place, processes)
+                for number, record in enumerate(threads.map(work, todo), 1):
+                    report(f"{place}: {record.parent.name} {record.stem}", number / len(todo))
         keep_medians(policies, self.results)
         return 0
 
@@ -105,8 +119,14 @@ class Evaluate:
         record = self._record(policy, preset)
         if record is None or place in record.places or place == NOMINAL:
             return place == NOMINAL and record is None
+        if record.method not in COMPARED:
+            return False
         group = read_runs(self.results)[preset, record.method]
         return place != DRAKE or record.seed in {run.seed for run in best_half(group)}
+
+    def _evaluate(self, place: str, processes: WorkerProcesses, found: tuple[Path, str]) -> Path:
+        """Run a policy at a place and write its record; returns the record's path."""
+        return write_run(self.results, self._evaluated(*found, place, processes))
 
     def _evaluated(self, policy: Path, preset: str, place: str, processes: WorkerProcesses) -> Run:
         settings = ProtocolSettings(
@@ -121,7 +141,10 @@ class Evaluate:
             return evaluate_policy(policy, preset, settings, processes)
         few = min(TRIALS_ELSEWHERE, self.trials)
         settings = replace(settings, trials=few, required=few, grid=0.5, first_step=2.0)
-        commands = evaluate_elsewhere(policy, place, settings, processes)
+        near = max(self.start, round(record.running() - START_BELOW))
+        commands = evaluate_elsewhere(policy, place, replace(settings, start=near), processes)
+        if not commands[0].share_kept(commands[0].upright):  # it falls there: from the lowest speed, then
+            commands = evaluate_elsewhere(policy, place, settings, processes)
         return msgspec.structs.replace(record, places={**record.places, place: commands})
 
 
@@ -132,7 +155,10 @@ def find_policies(runs: Path) -> list[tuple[Path, str]]:
         SprintlabError: the folder does not exist or holds none.
     """
     found = [
-        (path, preset) for preset in PRESETS for path in sorted(runs.glob(f"{preset}/*/seed-*/policy.onnx"))
+        (path, preset)
+        for preset in PRESETS
+        for name in ("seed-*/policy.onnx", "median.onnx")
+        for path in sorted(runs.glob(f"{preset}/*/{name}"))
     ]
     if not found:
         raise SprintlabError(f"{runs} holds no runs; they are expected as {runs}/<preset>/<method>/seed-<k>/")

@@ -107,12 +107,14 @@ _OTHER_METHODS = """| method | after | what differs from `acs` |
 _REPEAT = """```sh
 # the trainings that are missing, as commands
 python -m studies.paper plan runs/study
-# work them down on one GPU for an hour; given again, it goes on
-python -m studies.paper train runs/study --device cuda:0 --minutes 60 --parallel 2
+# work them down on all GPUs for an hour, three at a time on each; given again, it goes on
+python -m studies.paper train runs/study --minutes 60
 # run what is trained, print the verdicts, write this page
 python -m studies.paper evaluate runs/study
 python -m studies.paper verdicts
 python -m studies.paper page
+# the median policies of a fresh clone once more, to compare with the records
+python -m studies.paper evaluate studies/paper/results --results again --places bp2
 ```
 
 Every run is one file of a few kB in `studies/paper/results`. All trainings have as many iterations."""

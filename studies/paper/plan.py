@@ -13,7 +13,7 @@ import tyro
 from sprintlab.cli.output import print_json, progress_bar
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.training.methods import ALL_METHODS
-from sprintlab.training.runs.sweep import SweptRun, plan_sweep, train_all
+from sprintlab.training.runs.sweep import SweptRun, plan_sweep, train_all, training_devices
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import PRESETS, RESULTS, Runs, read_runs, record_path
 from studies.paper.verdicts import CLAIMS, OPEN, judge
@@ -22,8 +22,8 @@ SEEDS, SEEDS_OF_OTHERS, MOST_SEEDS = 10, 5, 20
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
 OTHERS = ("rlvrl", "lp-acrl", "hound")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""
-ITERATIONS = 3000
-"""Iterations of every training: the same for every method, however many share a GPU."""
+ITERATIONS, ENVIRONMENTS = 1400, 16384
+"""Length and size of every training, the same however many share a GPU: three minutes where three do."""
 SPARE_SECONDS = 30.0
 """Before the end of the budget, at which trainings are told to save and end [s]."""
 
@@ -42,7 +42,7 @@ class Training:
     method: str
     seed: int
 
-    def swept(self, runs: Path, iterations: int = ITERATIONS, environments: int | None = None) -> SweptRun:
+    def swept(self, runs: Path, iterations: int, environments: int) -> SweptRun:
         """The training as a run of a sweep, below a folder of runs."""
         (run,) = plan_sweep(
             runs / self.preset,
@@ -95,17 +95,22 @@ class Plan:
     Attributes:
         runs: folder of finished and future runs.
         results: folder of the committed records.
+        iterations: iterations of each training.
+        environments: robots side by side in each.
         json: print JSON only.
     """
 
     runs: tyro.conf.Positional[Path] = Path("runs/study")
     results: Path = RESULTS
+    iterations: int = ITERATIONS
+    environments: int = ENVIRONMENTS
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
         """Print the missing commands."""
         lacking, planned = missing_trainings(self.results)
-        lines = [run.command for each in lacking if not (run := each.swept(self.runs)).finished]
+        runs = [each.swept(self.runs, self.iterations, self.environments) for each in lacking]
+        lines = [run.command for run in runs if not run.finished]
         if self.json:
             print_json({"trainings": planned, "missing": lines})
             return 0
@@ -120,26 +125,26 @@ class TimeOver(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Work down the plan on one GPU for some minutes; given again, it goes on where it stopped.
+    """Work down the plan for some minutes; given again, it goes on where it stopped.
 
     Attributes:
         runs: folder of the runs.
         results: folder of the committed records: what has one is not trained again.
-        device: ``cuda:0`` or ``cpu``.
+        device: auto: all GPUs of this machine, or its CPU; or one of them: cuda:0, cpu.
         minutes: after which everything has ended; a training that is cut short saves and goes on next time.
-        parallel: trainings side by side on the device.
+        parallel: trainings that share a GPU, or the CPU.
         iterations: iterations of each training.
-        environments: robots side by side in each; the default of ``sprintlab train`` when left out.
+        environments: robots side by side in each.
         retries: how often a training that failed or was killed is started again.
     """
 
     runs: tyro.conf.Positional[Path] = Path("runs/study")
     results: Path = RESULTS
-    device: str = "cuda:0"
+    device: str = "auto"
     minutes: float = 60.0
-    parallel: int = 1
+    parallel: int = 3
     iterations: int = ITERATIONS
-    environments: int | None = None
+    environments: int = ENVIRONMENTS
     retries: int = 1
 
     def run(self) -> int:
@@ -162,7 +167,7 @@ class Train:
                 raise TimeOver
 
         with progress_bar() as report, suppress(TimeOver):  # the trainings have then saved and ended
-            train_all(runs, [self.device] * self.parallel, self.retries, watch)
+            train_all(runs, self.parallel * training_devices(self.device), self.retries, watch)
         finished = sum(run.finished for run in runs)
         print(f"{finished} of {len(runs)} trainings that have no record are finished")
         return 0

@@ -1,10 +1,12 @@
 """The paper's study: plan, trainings, records, verdicts and the page."""
 
+import hashlib
 import math
 import shutil
 
 import pytest
 from studies.paper.__main__ import main
+from studies.paper.evaluate import Evaluate
 from studies.paper.plan import Training, study_trainings
 from studies.paper.record import (
     RESULTS,
@@ -111,7 +113,7 @@ def test_the_plan_has_ten_seeds_of_the_six_methods_with_both_rewards_and_more_fo
 
 @pytest.mark.usefixtures("small_plan")
 def test_trainings_go_on_before_new_ones_begin_and_end_with_the_time(monkeypatch, tmp_path, capsys):
-    begun = Training(preset="paper", method="baseline", seed=7).swept(tmp_path)
+    begun = Training(preset="paper", method="baseline", seed=7).swept(tmp_path, 5, 8)
     begun.folder.mkdir(parents=True)
     (begun.folder / "checkpoint.pt").touch()
     seen = {}
@@ -124,6 +126,7 @@ def test_trainings_go_on_before_new_ones_begin_and_end_with_the_time(monkeypatch
 
     monkeypatch.setattr("studies.paper.plan.train_all", train_all)
     words = ["train", str(tmp_path), "--device", "cpu", "--parallel", "2", "--iterations", "5"]
+    words += ["--environments", "8"]
     assert main([*words, "--minutes", "0.001", "--results", str(tmp_path / "none")]) == 0
     assert seen["devices"] == ["cpu", "cpu"] and seen["runs"][0].folder == begun.folder
     assert len({run.name for run in seen["runs"]}) == len(seen["runs"])
@@ -145,6 +148,7 @@ def test_a_policy_runs_once_at_each_place(policy, tmp_path, monkeypatch):
     shutil.copy(policy, folder / "policy.onnx")
     words = ["evaluate", str(tmp_path / "runs"), "--results", str(tmp_path / "results"), "--workers", "1"]
     words += ["--trials", "1", "--start", "0.5", "--top", "0.5", "--places"]
+    monkeypatch.setattr("studies.paper.evaluate.COMPARED", {"test"})
     assert main([*words, "bp2"]) == 0
     assert main([*words, "bp2", "bp2-weak"]) == 0
     ((found,),) = read_runs(tmp_path / "results").values()
@@ -152,3 +156,26 @@ def test_a_policy_runs_once_at_each_place(policy, tmp_path, monkeypatch):
     assert [len(found.places[place]) for place in ("bp2", "bp2-weak")] == [1, 1]
     monkeypatch.setattr("studies.paper.evaluate.run_protocol", lambda *_, **__: pytest.fail("run again"))
     assert main([*words, "bp2", "bp2-weak"]) == 0
+
+
+def test_an_edition_is_searched_from_below_the_nominal_speed_and_from_the_start_where_it_falls(
+    policy, tmp_path, monkeypatch
+):
+    begun, record = [], run("acs", 3, [command(12.0)])
+    monkeypatch.setattr(Evaluate, "_record", lambda *_: record)
+
+    def search(policy, place, settings, processes):
+        begun.append(settings.start)
+        return (command(settings.start, upright=10 if settings.start < 8.0 else 0),)
+
+    monkeypatch.setattr("studies.paper.evaluate.evaluate_elsewhere", search)
+    found = Evaluate(results=tmp_path)._evaluated(policy, "sprintlab", "bp2-weak", None)
+    assert begun == [8.0, 1.0] and found.running("bp2-weak") == 1.0
+
+
+def test_the_committed_medians_are_the_policies_of_their_records_and_all_is_small():
+    for (preset, method), group in read_runs(RESULTS).items():
+        median = RESULTS / preset / method / "median.onnx"
+        if median.exists():
+            assert hashlib.sha256(median.read_bytes()).hexdigest() == median_run(group).policy_sha256
+    assert sum(path.stat().st_size for path in RESULTS.rglob("*") if path.is_file()) <= 8e6
