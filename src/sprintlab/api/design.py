@@ -6,12 +6,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
 from sprintlab.api.results import Drawn, Progress, drawn, records, silent
+from sprintlab.api.trained_designs import judge_designs, train_designs
 from sprintlab.core.arguments import checked
-from sprintlab.core.checks import check_positive
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import WorkerProcesses
@@ -35,13 +37,22 @@ def design(
     min_duty: float | None = None,
     workers: int | None = None,
     output: Path | str = Path("runs/design"),
+    minutes: float | None = None,
+    iterations: int | None = None,
+    seeds: int = 2,
+    environments: int | None = None,
+    device: str = "auto",
+    parallel: int = 1,
     progress: Progress = silent,
 ) -> Drawn:
     """Choose gears and winding at fixed mass, and say what leaving the d-axis voltage out would cost.
 
     Every design gets a folder with its robot's table, which other commands take, and its design.json; the
-    same command, started again, continues from there.
+    same command, started again, continues from there. With minutes or iterations policies of every design
+    are trained, under the refined motor and under v_d = 0, and judged with the refined motor; without them
+    those that are finished are judged.
     Example: sprintlab design bp2 --vary gear.hip=6:10:5 --vary winding=0.8,1,1.2
+    Example: sprintlab design bp2 --vary gear.hip=6:11:6 --minutes 3 --parallel 3 --figure map.png
 
     Args:
         robot: name of a robot, or the path of its folder or table.
@@ -53,7 +64,15 @@ def design(
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         output: folder in which the robot's designs get a folder of its name.
+        minutes: training time of each policy [min].
+        iterations: iteration at which each training ends.
+        seeds: trainings per design and motor model.
+        environments: robots side by side in each training; when left out, as many as in sprintlab train.
+        device: auto: all GPUs of this machine, or its CPU; or one of them: cuda:0, cpu.
+        parallel: trainings that share a GPU, or the CPU; memory must allow it.
     """
+    check_range("seeds", seeds, 1, 1000)
+    check_range("parallel", parallel, 1, 64)
     if current is not None:
         check_positive("current", current, "A")
     settings = SearchSettings(starts=starts, max_stride=max_stride, min_duty=min_duty)
@@ -72,7 +91,14 @@ def design(
         for row in processes.map(work, list(zip(folders, wanted, strict=True))):
             found.append(row)
             progress(f"{len(found)} of {len(folders)} speed limits", len(found) / len(folders))
-    return _told(name, found)
+    if minutes is not None or iterations is not None:
+        train_designs(
+            folders, seeds=seeds, device=device, parallel=parallel, progress=progress,
+            minutes=minutes, iterations=iterations, environments=environments,
+        )  # fmt: skip
+    with WorkerProcesses(workers) as processes:
+        trained = judge_designs(folders, processes, progress)
+    return _told(name, [row | {"trained": each} for row, each in zip(found, trained, strict=True)])
 
 
 def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]]) -> dict[str, Any]:
@@ -94,28 +120,32 @@ def limits_of(settings: SearchSettings, place: tuple[Path, Mapping[str, float]])
 
 def _told(name: str, rows: Sequence[Mapping[str, Any]]) -> Drawn:
     """Table of the fastest by the refined motor's limit, map and the sentences."""
-    choice = laws.choose(rows)
+    trained = [row for row in rows if row["trained"]]
+    choices = [laws.choose(rows), *([laws.choose(trained, trained=True)] if trained else [])]
+    sentences = [choice.sentence() for choice in choices]
     numbers = {
         "robot": name,
         "designs": [_rounded(row) for row in rows],
-        "chosen": {model: laws.design_name(each) for model, each in choice.chosen.items()},
-        "sentence": choice.sentence(),
+        "chosen": {model: laws.design_name(each) for model, each in choices[0].chosen.items()},
+        "sentence": " ".join(sentences),
     }
     ranked = sorted(rows, key=lambda row: -row["limits"]["refined"]["speed_m_s"])[:SHOWN]
     title = f"Designs of {name}, {len(ranked)} of {len(rows)}, fastest first"
-    note = "without d axis: what a motor with v_d = 0 promises; everything else by the refined motor"
-    shown = [records(title, [_row(each) for each in ranked]), note, choice.sentence()]
-    draw = drawn("speed_limit.figure.designs_figure", name, rows)
-    return Drawn(numbers=numbers, shown=shown, found=choice, draw=draw)
+    notes = ["without d axis: what a motor with v_d = 0 promises; everything else by the refined motor"]
+    if trained:
+        notes.append(f"trained: mean of the seeds, by the refined motor; {len(trained)} designs have any")
+    shown = [records(title, [_row(each, bool(trained)) for each in ranked]), *notes, *sentences]
+    draw = drawn("speed_limit.figure.designs_figure", name, rows, len(trained) == len(rows))
+    return Drawn(numbers=numbers, shown=shown, found=choices[-1], draw=draw)
 
 
 def _rounded(row: Mapping[str, Any]) -> dict[str, Any]:
     """A record without what only a restart needs, floats to 1e-3."""
-    kept = {name: value for name, value in row.items() if name != "asked"}
+    kept = {name: value for name, value in row.items() if name != "asked" and value}
     return json.loads(json.dumps(kept), parse_float=lambda text: round(float(text), 3))
 
 
-def _row(row: Mapping[str, Any]) -> dict[str, Any]:
+def _row(row: Mapping[str, Any], trained: bool) -> dict[str, Any]:
     """What stands of a design in the table."""
     judge, other = (row["limits"][model] for model in laws.MODELS)
     found = {
@@ -126,4 +156,8 @@ def _row(row: Mapping[str, Any]) -> dict[str, Any]:
         "power_W": judge["power_W"],
         "winding_degC": judge["winding_degC"],
     }
+    if trained:
+        names = ("trained_m_s", "trained_without_d_axis_m_s")
+        speeds = (row["trained"].get(model, {}).get("speed_m_s", nan) for model in laws.MODELS)
+        found |= dict(zip(names, speeds, strict=True))
     return {name: round(value, 0 if value > 30.0 else 2) for name, value in found.items()}

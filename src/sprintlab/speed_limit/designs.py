@@ -182,6 +182,7 @@ def design_limit(
 class Choice:
     """Which design each motor model chooses, and what the refined motor says of both."""
 
+    basis: str  # what the speeds are those of
     chosen: Mapping[str, Design]  # design by model
     believed: Mapping[str, float]  # speed that the model gives its design [m/s]
     judged: Mapping[str, Mapping[str, float]]  # numbers of that design by the refined motor
@@ -196,31 +197,42 @@ class Choice:
         """Which designs are chosen, and what the wrong choice costs."""
         judge, other = (design_name(self.chosen[model]) for model in MODELS)
         top, believed = self.judged[MODELS[0]]["speed_m_s"], self.believed[MODELS[1]]
-        if judge == other:
+        loss = -self.cost("speed_m_s")
+        if judge == other and not loss:
             return (
-                f"By computed strides both motor models choose {judge}, {top:.2f} m/s; "
+                f"By {self.basis} both motor models choose {judge}, {top:.2f} m/s; "
                 f"v_d = 0 promises {believed - top:+.2f} m/s more than that."
             )
-        loss = -self.cost("speed_m_s")
         least = (
             ""
             if loss > self.noise
             else f", less than the {self.noise:.2f} m/s by which one design's speeds differ"
         )
         return (
-            f"By computed strides the refined motor chooses {judge}, {top:.2f} m/s; v_d = 0 chooses {other} "
+            f"By {self.basis} the refined motor chooses {judge}, {top:.2f} m/s; v_d = 0 chooses {other} "
             f"and believes {believed:.2f} m/s, of which the refined motor leaves {top - loss:.2f}: the wrong "
             f"choice costs {loss:.2f} m/s{least}, {self.cost('power_W'):+.0f} W and "
             f"{self.cost('winding_degC'):+.1f} degC."
         )
 
 
-def choose(rows: Sequence[Mapping[str, Any]]) -> Choice:
-    """The choice of each motor model among designs: rows of ``"design"`` and ``"limits"`` by model."""
-    best = {model: max(rows, key=lambda row: row["limits"][model]["speed_m_s"]) for model in MODELS}
+def choose(rows: Sequence[Mapping[str, Any]], trained: bool = False) -> Choice:
+    """The choice of each motor model among designs, by what that model lets them run.
+
+    Args:
+        rows: of ``"design"``, and by model either ``"limits"`` or ``"trained"``.
+        trained: choose by the policies that were trained under each motor model.
+    """
+    if trained:
+        key, basis, believed = "trained", "trained policies", "believed_m_s"
+    else:
+        key, basis, believed = "limits", "computed strides", "speed_m_s"
+    best = {model: max(rows, key=lambda row: row[key][model][believed]) for model in MODELS}
+    judged = {model: row[key][model if trained else MODELS[0]] for model, row in best.items()}
     return Choice(
+        basis=basis,
         chosen={model: row["design"] for model, row in best.items()},
-        believed={model: row["limits"][model]["speed_m_s"] for model, row in best.items()},
-        judged={model: row["limits"][MODELS[0]] for model, row in best.items()},
-        noise=max(row["limits"][MODELS[0]]["spread_m_s"] for row in best.values()),
+        believed={model: row[key][model][believed] for model, row in best.items()},
+        judged=judged,
+        noise=max(numbers["spread_m_s"] for numbers in judged.values()),
     )

@@ -126,8 +126,8 @@ _MODEL_MARKS: dict[str, dict[str, Any]] = {
 }
 
 
-def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Map of the speed limits: a row of panels for each motor model, with the design that each chooses.
+def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]], trained: bool = False) -> Figure:
+    """Map of the designs: a row of panels for each motor model, with the design that each chooses.
 
     The first two quantities with several values are the axes, the third makes the columns; of designs that
     differ in more, the fastest is drawn.
@@ -135,18 +135,25 @@ def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]]) -> Figure:
     Args:
         robot: its name.
         rows: records of the designs, as ``sprintlab design --json`` has them.
+        trained: draw what the policies trained under each motor model hold with the refined one, in place of
+            the limit under each.
     """
+    key, what = ("trained", "Speeds of trained policies") if trained else ("limits", "Speed limits")
     varied = [name for name in rows[0]["design"] if len({row["design"][name] for row in rows}) > 1]
     across, up, panel = (*varied, None, None, None)[:3]
     panels = sorted({row["design"][panel] for row in rows}) if panel else [None]
     figure, axes = themed_figure(LIGHT, (1.0 + 3.6 * len(panels), 6.4), 2, len(panels))
-    figure.suptitle(f"Speed limits of {as_written(robot)} by design [m/s]", fontweight="bold", color=_LIMIT)
-    speeds = [row["limits"][model]["speed_m_s"] for row in rows for model in MODELS]
-    choice = choose(rows)
+    figure.suptitle(f"{what} of {as_written(robot)} by design [m/s]", fontweight="bold", color=_LIMIT)
+    speeds = [row[key][model]["speed_m_s"] for row in rows for model in MODELS]
+    choice = choose(rows, trained)
     for place, axis in enumerate(axes):
         model, value = MODELS[place // len(panels)], panels[place % len(panels)]
-        shown = [row for row in rows if panel is None or row["design"][panel] == value]
-        _draw_designs(axis, shown, model, (across, up), (min(speeds), max(speeds)))
+        shown = [
+            (row["design"], row[key][model]["speed_m_s"])
+            for row in rows
+            if panel is None or row["design"][panel] == value
+        ]
+        _draw_designs(axis, shown, (across, up), (min(speeds), max(speeds)))
         part = "" if panel is None else f", {panel} {value:g}"
         set_title(axis, _MODEL_NAMES[model] + part, LIGHT)
         here = [each for each in MODELS if panel is None or choice.chosen[each][panel] == value]
@@ -165,20 +172,19 @@ def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 def _draw_designs(
     axes: Axes,
-    rows: Sequence[Mapping[str, Any]],
-    model: str,
+    rows: Sequence[tuple[Mapping[str, float], float]],
     names: tuple[str | None, str | None],
     limits: tuple[float, float],
 ) -> None:
     """One panel: the speed of each design as colour and as number."""
-    across, up = ([0.0] if name is None else sorted({row["design"][name] for row in rows}) for name in names)
+    across, up = ([0.0] if name is None else sorted({design[name] for design, _ in rows}) for name in names)
     speeds = np.full((len(up), len(across)), -np.inf)
-    for row in rows:
+    for design, speed in rows:
         spot = tuple(
-            values.index(row["design"][name]) if name else 0
+            values.index(design[name]) if name else 0
             for name, values in zip(names[::-1], (up, across), strict=True)
         )
-        speeds[spot] = max(speeds[spot], row["limits"][model]["speed_m_s"])
+        speeds[spot] = max(speeds[spot], speed)
     axes.pcolormesh(
         across, up, speeds, shading="nearest", cmap="YlGnBu", vmin=limits[0], vmax=limits[1], alpha=0.7
     )
