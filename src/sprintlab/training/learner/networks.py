@@ -59,10 +59,9 @@ class Normalizer(nn.Module):
 
     def __init__(self, size: int, mirror: Mirror | None = None, others: int = 0) -> None:
         super().__init__()
-        self.mirrored = mirror is not None
-        if mirror is not None:
-            self.register_buffer("index", torch.tensor(mirror.index), persistent=False)
-            self.register_buffer("sign", torch.tensor(mirror.sign), persistent=False)
+        index, sign = mirror or signed(*(1.0,) * size)
+        self.register_buffer("index", torch.tensor(index), persistent=False)
+        self.register_buffer("sign", torch.tensor(sign), persistent=False)
         self.register_buffer("beyond", torch.zeros(others), persistent=False)
         limit = torch.cat((torch.full((size,), LARGEST_NORMALIZED), torch.full((others,), math.inf)))
         self.register_buffer("limit", limit, persistent=False)
@@ -85,9 +84,13 @@ class Normalizer(nn.Module):
 
     @torch.no_grad()
     def update(self, mean: torch.Tensor, variance: torch.Tensor, count: int) -> None:
-        """Merge the moments of ``count`` further samples (Chan's rule); no host synchronisation."""
-        if self.mirrored:
-            mean, variance = self._with_mirror_images(mean, variance)
+        """Merge the moments of ``count`` further samples (Chan's rule) and of their mirror images.
+
+        No host synchronisation.
+        """
+        other, spread = self.sign * mean[self.index], variance[self.index]
+        variance = 0.5 * (variance + spread) + 0.25 * (mean - other).square()
+        mean = 0.5 * (mean + other)
         total = self.count + count
         difference = mean - self.mean
         share = count / total
@@ -95,13 +98,6 @@ class Normalizer(nn.Module):
         self.variance.copy_(spread + difference.square() * share * (1 - share))
         self.mean.add_(difference * share)
         self.count.copy_(total)
-
-    def _with_mirror_images(
-        self, mean: torch.Tensor, variance: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Moments of samples and their mirror images together, from those of the samples ``(size,)``."""
-        other, spread = self.sign * mean[self.index], variance[self.index]
-        return 0.5 * (mean + other), 0.5 * (variance + spread) + 0.25 * (mean - other).square()
 
 
 class Encoding(NamedTuple):
