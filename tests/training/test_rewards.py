@@ -180,13 +180,13 @@ def test_weights_blend_from_stage_to_stage() -> None:
     [
         ({"weight": (-1.0, 2.0)}, "one sign"),
         ({"weight": -1.0, "tied": True}, "positive where the term is tied"),
-        ({"weight": 1.0, "height": 2.0}, "unexpected keyword argument 'height'"),
+        ({"weight": 1.0, "height": 2.0}, "progress takes speed"),
     ],
 )
 def test_a_term_that_makes_no_sense_is_refused(arguments, words) -> None:
     with pytest.raises(InvalidValueError, match=words):
         term(rewards.progress, **{"speed": 10.0, **arguments})
-    with pytest.raises(InvalidValueError, match=r"missing a required argument.*speed"):
+    with pytest.raises(InvalidValueError, match="progress takes speed"):
         term(rewards.progress, 1.0)
 
 

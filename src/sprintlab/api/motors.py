@@ -49,9 +49,9 @@ def chosen_motor(
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
-        if bus_voltage is None:
+        (motor, gear), name = file_motor(source), Path(source).stem
+        if (own := bus_voltage) is None:
             raise SprintlabError(f"bus_voltage is not given, and {source} describes a motor without a bus")
-        (motor, gear), own, name = file_motor(source), bus_voltage, Path(source).stem
     elif source in library_motors():
         actuator = load_library_motor(source)
         motor, gear, own, name = actuator.motor, actuator.gear, actuator.bus_voltage, source

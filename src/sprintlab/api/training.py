@@ -24,12 +24,12 @@ from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.settings_text import read_settings, settings_toml, to_plain, with_changes
 
-UNITS = {
-    "environment_steps": "policy steps", "seconds": "s", "speed_median": "m/s", "speed_p95": "m/s",
-    "speed_p999": "m/s", "range_upper": "m/s", "falls": "per robot and step",
+_SHOWN = {
+    "iterations": "iterations", "seconds": "training_time_s", "speed_median": "speed, median_m_s",
+    "speed_p999": "speed, fastest 0.1 %_m_s", "range_upper": "commands_up_to_m_s",
+    "reward": "reward_per_second", "falls": "falls_per_robot_and_step",
 }  # fmt: skip
-"""Units of a run's numbers by name."""
-_SHOWN = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
+"""What is shown of a run's last iteration, by its names in the log."""
 
 
 def require_training() -> None:
@@ -165,8 +165,8 @@ def train(
     shown: list[Any] = []
     if os.environ.get("RANK", "0") == "0":  # one of several processes prints
         remark("running three trials in the plant to see what the policy reached")
-        told = {name: numbers[name] for name in _SHOWN if name in numbers}
-        shown = [quantities(f"Training in {folder}", told, units=UNITS), f"policy: {folder / 'policy.onnx'}"]
+        told = {words: numbers[name] for name, words in _SHOWN.items() if name in numbers}
+        shown = [quantities(f"Training in {folder}", told), f"policy: {folder / 'policy.onnx'}"]
         trained = read_checkpoint(folder / "checkpoint.pt")["settings"]  # a resumed run keeps its own
         shown += what_was_reached(folder, trained.robot)
     return Training(numbers=numbers, shown=shown, folder=folder)

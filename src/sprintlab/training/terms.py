@@ -30,8 +30,8 @@ class Term:
         try:
             signature.bind(None, **self.parameters)
         except TypeError as error:
-            name = getattr(self.function, "__name__", str(self.function))
-            allowed = f"{error}: {name}{signature}"
+            name, taken = getattr(self.function, "__name__", "the function"), [*signature.parameters][1:]
+            allowed = f"{name} takes {', '.join(taken) or 'no parameters'}"
             raise InvalidValueError("parameters", dict(self.parameters), allowed) from error
 
 
