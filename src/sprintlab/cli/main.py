@@ -25,7 +25,7 @@ import tyro
 from sprintlab import api
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.options import OPTIONS
-from sprintlab.api.results import Drawn, Result
+from sprintlab.api.results import Drawn, Progress, Result, silent
 from sprintlab.cli.output import REFUSED, exit_status, print_json, progress_bar, stdout_console
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
@@ -76,8 +76,8 @@ REPEATED = ("column", "set", "vary")
 _CONFIG = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff)
 _NAMES = {
     "Any": Any, "Drawn": Drawn, "DriveOptions": DriveOptions, "Literal": Literal, "Path": Path,
-    "PolicyChoice": str, "Race": Drawn, "Result": Result, "RobotChoice": str | None, "Sequence": Sequence,
-    "Training": Result, "DEFAULT_DEVICE": DEFAULT_DEVICE,
+    "PolicyChoice": str, "Progress": Progress, "Race": Drawn, "Result": Result, "RobotChoice": str | None,
+    "Sequence": Sequence, "Training": Result, "DEFAULT_DEVICE": DEFAULT_DEVICE, "silent": silent,
 }  # fmt: skip
 """Names in the signatures of the commands."""
 _FIGURE = Annotated[Path | None, tyro.conf.arg(help="picture to draw (.png, .pdf or .svg).")]
@@ -102,45 +102,41 @@ def _optional(info: tyro.constructors.PrimitiveTypeInfo) -> Any:
     )
 
 
-def declared(command: str) -> ast.FunctionDef:
-    """The function of a command as its source declares it; nothing that it works with is imported."""
+def declared(command: str) -> Callable[..., Any]:
+    """A command's function without its body, from the source: nothing that it works with is imported."""
     module, _, name = command.partition(".")
     tree = ast.parse(Path(api.__path__[0], f"{module}.py").read_text(encoding="utf-8"))
-    return next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    found = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    found.decorator_list, found.body = [], found.body[:1]  # the docstring
+    names = dict(_NAMES)
+    exec(compile(ast.Module([found], []), module, "exec", dont_inherit=True), names)  # hints as objects
+    return names[name]
 
 
 def typed(command: str) -> Any:
     """A dataclass of the parameters of a command's function, from which the parser is made."""
     function, options = declared(command), list[tuple[str, Any, Any]]()
-    documented, positional = ast.get_docstring(function) or "", function.args.args
-    required = [None] * (len(positional) - len(function.args.defaults))
-    parameters = [*positional, *function.args.kwonlyargs]
-    defaults = [*required, *function.args.defaults, *function.args.kw_defaults]
-    for parameter, default in zip(parameters, defaults, strict=True):
-        if (name := parameter.arg) == "progress":
+    documented, signature = inspect.getdoc(function) or "", inspect.signature(function)
+    for name, parameter in signature.parameters.items():
+        if name == "progress":
             continue
-        kind = _kind(_value(parameter.annotation))
+        kind, required = _kind(parameter.annotation), parameter.default is parameter.empty
         shared = None if f"\n    {name}: " in documented else OPTIONS.get(name)
-        if parameter in positional:
+        if parameter.kind is not parameter.KEYWORD_ONLY:
             shown = f"{name.upper()} ..." if get_origin(kind) is tuple else name.upper()
-            shown = shown if default is None else f"[{shown}]"
+            shown = shown if required else f"[{shown}]"
             kind = tyro.conf.Positional[Annotated[kind, tyro.conf.arg(help=shared, metavar=shown)]]
         elif name in REPEATED:
             kind = tyro.conf.UseAppendAction[Annotated[kind, tyro.conf.arg(help=shared)]]
         else:
             kind = Annotated[kind, tyro.conf.arg(help=shared)]
-        value = MISSING if default is None else DEFAULTS.get(command, {}).get(name, _value(default))
+        value = MISSING if required else DEFAULTS.get(command, {}).get(name, parameter.default)
         options.append((name, kind, field(default=value)))
-    if _value(function.returns) is Drawn:
+    if signature.return_annotation is Drawn:
         options.append(("figure", _FIGURE, field(default=None)))
     options.append(("json", _JSON, field(default=False)))
     told = {"__doc__": documented.replace("\nExample:", "\n\nExample:")}  # in a paragraph of its own
     return make_dataclass("Typed", options, namespace=told, kw_only=True, frozen=True)
-
-
-def _value(expression: ast.expr | None) -> Any:
-    """A type hint or default of a signature."""
-    return None if expression is None else eval(ast.unparse(expression), dict(_NAMES))
 
 
 def _kind(kind: Any) -> Any:
@@ -201,7 +197,7 @@ def summary(name: str, command: Any) -> str:
     """The first sentence of what a command does."""
     if isinstance(command, dict):
         return SUMMARIES[name]
-    return (ast.get_docstring(declared(command)) or "").partition("\n")[0]
+    return (inspect.getdoc(declared(command)) or "").partition("\n")[0]
 
 
 def grouped_help(title: str = "", commands: dict[str, Any] | None = None) -> str:
