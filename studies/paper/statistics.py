@@ -35,8 +35,9 @@ class Interval:
         """``center [low, high]``, a dash where it is not defined."""
         if not math.isfinite(self.center):
             return "-"
-        ends = f" [{self.low:.{digits}f}, {self.high:.{digits}f}]" if math.isfinite(self.low) else ""
-        return f"{self.center:.{digits}f}{ends}"
+        known = filter(math.isfinite, (self.center, self.low, self.high))
+        center, *ends = (f"{round(value, digits) + 0.0:.{digits}f}" for value in known)  # no "-0.0"
+        return f"{center} [{', '.join(ends)}]" if ends else center
 
 
 def interquartile_mean(values: Sequence[float]) -> Interval:

@@ -17,6 +17,8 @@ from studies.paper.statistics import Interval, difference, improvement, interqua
 
 SAME_SPEED = 0.2
 """Methods whose speeds differ by no more than this, with 95 % confidence, are equal [m/s]."""
+LEAST_SEEDS = 5
+"""With fewer seeds of one of the methods nothing is decided."""
 CONFIRMED, REFUTED, OPEN, NOT_RUN = "confirmed", "refuted", "open", "not yet run"
 EQUAL = f"equal within {SAME_SPEED:g} m/s"
 PRESET_NAMES = {"sprintlab": "our reward", "paper": "the paper's reward"}
@@ -104,7 +106,7 @@ def _judged(
         gain=gain,
         faster=faster,
         seeds=(len(ours), len(theirs)),
-        said=verdict(gain, faster),
+        said=OPEN if 0 < min(len(ours), len(theirs)) < LEAST_SEEDS else verdict(gain, faster),
     )
 
 
