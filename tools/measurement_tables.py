@@ -28,13 +28,18 @@ NEWTON_STAGES = {
     "straight_line": "ClampingDCMotor",
     "refined": "PmsmClamping",
 }
+TRAINED = "design/bp2-trained"
+"""What ``sprintlab design --json`` found with trained policies; it takes GPU hours and may be missing."""
 WORK = "driving work that the motors could not do"
 Row = dict[str, Any]
 
 
 def measurement_tables() -> dict[str, str]:
     """Every table of this file by its name."""
-    return {
+    trained = (
+        {"trained_designs": trained_designs(_read(TRAINED))} if (RESULTS / f"{TRAINED}.json").exists() else {}
+    )
+    return trained | {
         "engine_running": engine_running(_read("engine/running")),
         "engine_accuracy": engine_accuracy(_read("engine/accuracy")),
         "engine_throughput": engine_throughput(),
@@ -194,11 +199,7 @@ def _read(name: str) -> Any:
 
 def design(found: Row) -> str:
     """What each motor model chooses of ``sprintlab design``, then the best design of each winding."""
-    ranked = sorted(found["designs"], key=lambda row: row["limits"]["refined"]["speed_m_s"])
-    best = {row["design"]["winding"]: row for row in ranked}
-    wrong = max(ranked, key=lambda row: row["limits"]["simplified-dc"]["speed_m_s"])
-    named = [("chosen by the refined motor", ranked[-1]), ("chosen by v_d = 0", wrong)]
-    named += [(f"best with winding {winding:g}", row) for winding, row in sorted(best.items())]
+    named = _chosen_and_best(found["designs"], "limits", "speed_m_s")
     head = (
         "design",
         "winding",
@@ -222,3 +223,40 @@ def design(found: Row) -> str:
         for what, row in named
     ]
     return as_table(head, rows)
+
+
+def trained_designs(found: Row) -> str:
+    """The same by the policies that were trained under each motor model, all judged with the refined one."""
+    head = (
+        "design",
+        "winding",
+        "hip gear",
+        "trained",
+        "trained with v_d = 0",
+        "and believed",
+        "power",
+        "winding",
+    )
+    rows = []
+    for what, row in _chosen_and_best(found["designs"], "trained", "believed_m_s"):
+        refined, other = (row["trained"][model] for model in ("refined", "simplified-dc"))
+        speeds = (refined["speed_m_s"], other["speed_m_s"], other["believed_m_s"])
+        rows.append(
+            (
+                what,
+                *(f"{row['design'][name]:g}" for name in ("winding", "gear.hip")),
+                *(f"{speed:.2f} m/s" for speed in speeds),
+                f"{refined['power_W']:.0f} W",
+                f"{refined['winding_degC']:.0f} degC",
+            )
+        )
+    return as_table(head, rows)
+
+
+def _chosen_and_best(designs: Sequence[Row], key: str, name: str) -> list[tuple[str, Row]]:
+    """The designs that the motor models choose, and that the refined one finds best for each winding."""
+    ranked = sorted(designs, key=lambda row: row[key]["refined"][name])
+    best = {row["design"]["winding"]: row for row in ranked}
+    wrong = max(ranked, key=lambda row: row[key]["simplified-dc"][name])
+    chosen = [("chosen by the refined motor", ranked[-1]), ("chosen by v_d = 0", wrong)]
+    return chosen + [(f"best with winding {winding:g}", row) for winding, row in sorted(best.items())]

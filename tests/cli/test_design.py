@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 
 import pytest
+from tools.measurement_tables import trained_designs
 
 from sprintlab.api.trained_designs import JUDGE, judged
 from sprintlab.robots import read_table, robot_table_path
@@ -73,6 +74,7 @@ def test_designs_are_trained_under_both_motor_models_and_judged_with_the_refined
     numbers = found["designs"][-1]["trained"]["simplified-dc"]
     assert (numbers["speed_m_s"], numbers["believed_m_s"], numbers["seeds"]) == (11.55, 13.55, 2)
     assert "v_d = 0 chooses gear.hip=9,winding=0.8 and believes 13.55" in found["sentence"]
+    assert "| 0.8 | 9 | 12.05 m/s | 11.55 m/s | 13.55 m/s |" in trained_designs(found)
     assert "11.55" in call(*VARIED).out  # what is finished is judged without training
 
 
