@@ -338,7 +338,6 @@ def identify_motor(
     if base is not None:
         named = str(base)
         known = file_motor(named)[0] if named.endswith(".toml") else chosen_motor(named, "").drive.motor
-    if known is not None:
         pole_pairs = pole_pairs or int(known.pole_pairs)
         peak_current = peak_current or float(known.peak_torque / known.torque_constant)
     if pole_pairs is None:
