@@ -5,7 +5,7 @@
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. ``results/POLICY/result.json``
 is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
 ``seeds.json`` exists (``tools/judge_seeds.py`` writes it), the tables say median, worst and best seed.
-The default policy also has ``lap.json`` (``sprintlab lap sprint --top-speed 10.5 --json``),
+The default policy also has ``lap.json`` (``sprintlab lap sprint --top-speed 9 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
 ``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make the figure.
