@@ -48,9 +48,9 @@ def design(
     """Choose gears and winding at fixed mass, and say what leaving the d-axis voltage out would cost.
 
     Every design gets a folder with its robot's table, which other commands take, and its design.json; the
-    same command, started again, continues from there. With minutes or iterations policies of every design
-    are trained, under the refined motor and under v_d = 0, and judged with the refined motor; without them
-    those that are finished are judged.
+    same command, started again, continues from there. With --minutes or --iterations, policies of every
+    design are trained under the refined motor and under v_d = 0, and judged with the refined motor. Without
+    them nothing is trained, and the policies that are finished are judged.
     Example: sprintlab design bp2 --vary gear.hip=6:10:5 --vary winding=0.8,1,1.2
     Example: sprintlab design bp2 --vary gear.hip=6:11:6 --minutes 3 --parallel 3 --figure map.png
 
