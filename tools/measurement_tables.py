@@ -238,7 +238,9 @@ def trained_designs(found: Row) -> str:
         "winding",
     )
     rows = []
-    for what, row in _chosen_and_best(found["designs"], "trained", "believed_m_s"):
+    for what, row in _chosen_and_best(
+        [row for row in found["designs"] if "trained" in row], "trained", "believed_m_s"
+    ):
         refined, other = (row["trained"][model] for model in ("refined", "simplified-dc"))
         speeds = (refined["speed_m_s"], other["speed_m_s"], other["believed_m_s"])
         rows.append(
