@@ -62,7 +62,8 @@ def test_an_inverter_cuts_the_peak_torque_and_leaves_the_iron_as_it_is(built):
 
 
 def test_variations_are_ranges_or_lists_and_make_all_combinations():
-    varied = parse_variations(["gear.hip=6:11:6", "winding=0.8,1"])
+    varied = parse_variations(["gear.hip=6:11", "winding=0.8:1:2"])
+    assert parse_variations(["winding=0.8,1"])["winding"] == varied["winding"]
     assert varied == {"gear.hip": (6.0, 7.0, 8.0, 9.0, 10.0, 11.0), "winding": (0.8, 1.0)}
     assert len(all_designs(varied)) == 12 and all_designs(varied)[1] == {"gear.hip": 6.0, "winding": 1.0}
     assert design_name(all_designs(varied)[1]) == "gear.hip=6,winding=1"

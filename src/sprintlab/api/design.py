@@ -52,12 +52,13 @@ def design(
     design are trained under the refined motor and under v_d = 0, and judged with the refined motor. Without
     them nothing is trained, and the policies that are finished are judged.
     Example: sprintlab design bp2 --vary gear.hip=6:10:5 --vary winding=0.8,1,1.2
-    Example: sprintlab design bp2 --vary gear.hip=6:11:6 --minutes 3 --parallel 3 --figure map.png
+    Example: sprintlab design bp2 --vary gear.hip=6:11 --minutes 3 --parallel 3 --figure map.png
 
     Args:
         robot: name of a robot, or the path of its folder or table.
         vary: what is varied: gear.abad, gear.hip, gear.knee (ratios) and winding (turns over the robot's own,
-            at the same copper), as NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE; several make all combinations.
+            at the same copper), as NAME=LOW:HIGH, which is six values, NAME=LOW:HIGH:COUNT or
+            NAME=VALUE,VALUE; several make all combinations.
         current: greatest phase current of the inverters [A]; a winding of few turns then loses peak torque.
             When left out, every winding gets the current that it needs.
         starts: random strides from which each search begins.

@@ -46,7 +46,8 @@ def parse_variations(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
     """``["gear.hip=6:11:6", "winding=0.8,1"]`` as values by name.
 
     Args:
-        texts: each ``NAME=LOW:HIGH:COUNT`` or ``NAME=VALUE,VALUE,...``; names in ``QUANTITIES``.
+        texts: each ``NAME=LOW:HIGH``, which is six values, ``NAME=LOW:HIGH:COUNT`` or ``NAME=VALUE,VALUE``;
+            names in ``QUANTITIES``.
 
     Raises:
         InvalidValueError: another form, an unknown name, or a value that is not positive.
@@ -58,12 +59,14 @@ def _parse_variation(text: str) -> tuple[str, tuple[float, ...]]:
     name, _, values = text.partition("=")
     try:
         if ":" in values:
-            low, high, count = values.split(":")
-            found = np.linspace(float(low), float(high), int(count)).round(6).tolist()
+            low, high, *count = values.split(":")
+            (number,) = map(int, count or [6])
+            found = np.linspace(float(low), float(high), number).round(6).tolist()
         else:
             found = [float(value) for value in values.split(",")]
     except ValueError as error:
-        raise InvalidValueError("vary", text, "must be NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE") from error
+        allowed = "must be NAME=LOW:HIGH, NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE"
+        raise InvalidValueError("vary", text, allowed) from error
     if name not in QUANTITIES or not found:
         raise InvalidValueError("vary", text, f"needs a value, and a name of {', '.join(QUANTITIES)}")
     check_positive(f"vary {name}", np.asarray(found))
