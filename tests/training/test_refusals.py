@@ -3,6 +3,9 @@
 import pytest
 
 from sprintlab.cli.main import main
+from sprintlab.core.errors import SprintlabError
+from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.runs.run import pick_device
 
 
 @pytest.mark.parametrize(
@@ -20,3 +23,13 @@ def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].startswith("sprintlab: ") and words in said[-1]
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
+
+
+def test_a_gpu_that_pytorch_cannot_use_is_no_reason_to_train_a_gpus_batch_on_the_cpu(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sprintlab.training.runs.options._has_gpu", lambda: True)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
+    with pytest.raises(SprintlabError, match=r"PyTorch sees 0 GPUs .* --device cpu"):
+        pick_device(TrainOptions())
+    assert pick_device(TrainOptions(device="cpu")) == "cpu"

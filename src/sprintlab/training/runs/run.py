@@ -29,14 +29,14 @@ POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
 _LONGEST_COMMAND = 2000
 
 
-def pick_device(wanted: str) -> str:
-    """``auto`` is the first GPU, else the CPU. Raises ``SprintlabError`` for a GPU that is not there."""
-    count = torch.cuda.device_count()
-    if wanted == "auto":
-        return "cuda:0" if count else "cpu"
-    if wanted.startswith("cuda") and int(wanted.partition(":")[2] or 0) >= count:
-        raise SprintlabError(f"device {wanted} asked for, but PyTorch sees {count} GPUs")
-    return wanted
+def pick_device(options: TrainOptions) -> str:
+    """``auto`` is the first GPU, else the CPU. Raises ``SprintlabError`` if PyTorch does not see the GPU."""
+    found = "cpu" if options.on_cpu else "cuda:0"
+    device, count = found if options.device == "auto" else options.device, torch.cuda.device_count()
+    if device.startswith("cuda") and int(device.partition(":")[2] or 0) >= count:
+        remedy = "install PyTorch for CUDA, or choose --device cpu"
+        raise SprintlabError(f"PyTorch sees {count} GPUs and cannot train on {device}: {remedy}")
+    return device
 
 
 def train(options: TrainOptions) -> Path:
@@ -73,7 +73,7 @@ def open_run(options: TrainOptions, workers: Workers) -> Runner:
     checkpoint = options.checkpoint
     saved = read_checkpoint(checkpoint) if options.resume and checkpoint.exists() else None
     settings = saved["settings"] if saved else options.full_settings()
-    device = pick_device(options.device)
+    device = pick_device(options)
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
     untrainable = "has settings with which nothing can be trained"
