@@ -173,11 +173,13 @@ def guest_costs(found: Row) -> str:
 
 def bus_tolerance(found: Sequence[Row]) -> str:
     """What delay, jitter and loss on the robot's bus cost."""
-    head = ("round trip [ms]", "jitter [ms]", "loss [%]", "falls", "100 m [s]", "speed before the line [m/s]")
+    link = ("round trip [ms]", "jitter [ms]", "loss [%]")
+    head = (*link, "falls", "not at the line", "100 m [s]", "before the line [m/s]")
     rows = [
         (
             *(f"{row[key]:g}" for key in ("delay_ms", "jitter_ms", "loss_percent")),
             f"{row['falls']} of {row['runs']}",
+            str(row["unfinished"]),
             *(_number(row[key], 2) for key in ("time_100m_s", "held_speed_m_s")),
         )
         for row in found

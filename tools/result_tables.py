@@ -5,7 +5,8 @@
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. ``results/POLICY/result.json``
 is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
 ``seeds.json`` exists (``tools/judge_seeds.py`` writes it), the tables say median, worst and best seed.
-The default policy also has ``lap.json`` (``sprintlab lap sprint --top-speed 9 --json``),
+The default policy also has ``fastest.json``, a race at a higher command that passes the audit, too,
+``lap.json`` (``sprintlab lap sprint --top-speed 9 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
 ``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make the figure.
@@ -39,7 +40,9 @@ def tables() -> dict[str, str]:
     races, engines = policy_results("result.json"), second_engine_rows()
     sprints = policy_results("robustness.json")
     return {
-        "beside_the_paper": beside_the_paper(races[DEFAULT_POLICY], engines),
+        "beside_the_paper": beside_the_paper(
+            races[DEFAULT_POLICY], policy_results("fastest.json")[DEFAULT_POLICY], engines
+        ),
         "policies": policies(races, engines, sprints),
         "audit": audit_lines(races),
         "robustness": robustness(sprints),
@@ -66,7 +69,7 @@ def second_engine_rows() -> list[Row]:
     return list(found["policies"].values())
 
 
-def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
+def beside_the_paper(race: Row, fastest: Row, engines: Sequence[Row]) -> str:
     """The README's table: the paper and others as reported, and the shipped policy in both engines."""
     reported = [
         ("the paper, BP2", "simulation, reported", "12.4 m/s", ""),
@@ -81,8 +84,9 @@ def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
             f"{_cell(row['sprint_time_s'])} s",
         )
         for who, engine, row, speed in (
-            (f"`{DEFAULT_POLICY}`, audit {audit(race)}", "MuJoCo", race, held(race) + seeds(DEFAULT_POLICY)),
-            ("the same policy file", "Drake", drake, _speed(drake["held_speed_m_s"])),
+            (_asked(DEFAULT_POLICY, race), "MuJoCo", race, held(race) + seeds(DEFAULT_POLICY)),
+            ("the same", "Drake", drake, _speed(drake["held_speed_m_s"])),
+            (_asked(DEFAULT_POLICY, fastest), "MuJoCo", fastest, held(fastest)),
         )
     ]
     others = [
@@ -91,6 +95,10 @@ def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
         ("Miller et al. 2025, Spot", "robot, reported", "5.2 m/s", ""),
     ]
     return as_table(("who", "where", "speed", "100 m"), [*reported, *ours, *others])
+
+
+def _asked(policy: str, race: Row) -> str:
+    return f"`{policy}`, asked for {race['top_speed_command_m_s']:g} m/s, audit {audit(race)}"
 
 
 def seeds(policy: str) -> str:
@@ -141,7 +149,7 @@ def audit_lines(races: dict[str, Row]) -> str:
 
 def robustness(sprints: dict[str, Row]) -> str:
     """Shares upright and quantiles of the held speed, everything randomized at once."""
-    head = ("policy", "command", "upright (95 % interval)", "5 / 50 / 95 % hold less than")
+    head = ("policy", "command", "upright (95 % interval)", "5 / 50 / 95 % of these hold less than")
     rows = []
     for name, row in sprints.items():
         found = row["held_speed_quantiles_m_s"]
@@ -180,12 +188,13 @@ def besides(folder: Path) -> str:
         ("the same on a battery with windings that warm up", _lap(warm)),
         (
             "yaw rate, turns of up to half of what friction allows",
-            f"at least {100 * gain:.0f} % of the command, {turning['falls']} falls",
+            f"at least {100 * gain:.0f} % of the command",
         ),
+        ("turns of up to all of it, 0 to 12 m/s", f"{turning['falls']} of {len(turning['turns'])} fall"),
     ]
     names = {"uphill": "5 % uphill", "downhill": "5 % downhill", "rough": "rough ground of 2 cm"}
     for trials in ground["grounds"][1:]:
-        change = f"{100 * trials['change']:+.0f} % of the speed held on level ground"
+        change = f"{round(100 * trials['change']) + 0:+d} % of the speed held on level ground"
         what = f"{names[trials['ground']]}, asked for {ground['top_speed_command_m_s']:g} m/s"
         rows.append((what, f"{change}, {trials['upright']} of {trials['trials']} upright"))
     return as_table(("", "measured"), rows)
@@ -209,8 +218,8 @@ def realism(race: Row, engines: Sequence[Row], sprint: Row) -> list[tuple[str, f
         ("held in MuJoCo", race["held_speed_m_s"]),
         ("held in Drake", second["drake"]["held_speed_m_s"]),
         ("on a battery, windings warm", race["battery"]["held_speed_m_s"]),
-        ("all randomized: every second run", spread["0.5"]),
-        ("all randomized: 19 of 20 runs", spread["0.05"]),
+        ("all randomized, upright: every second run", spread["0.5"]),
+        ("all randomized, upright: 19 of 20 runs", spread["0.05"]),
     ]
 
 

@@ -37,7 +37,7 @@ def limit(
     min_duty: float | None = None,
     progress: Progress = silent,
 ) -> Drawn:
-    """Compute an upper bound of the speed of a robot from its motors and legs alone.
+    """Estimate how fast a robot can run at most, from its motors and legs alone.
 
     Example: sprintlab limit bp2 --max-stride 5.5 --min-duty 0.12
 

@@ -66,7 +66,7 @@ def _counted(progress: Progress, what: str) -> Callable[[object, int, int], None
 def lap(
     policy: PolicyChoice,
     *,
-    top_speed: float = 10.0,
+    top_speed: float = 9.0,
     robot: RobotChoice = None,
     recording: Path | None = None,
     drive: DriveOptions = DriveOptions(),
@@ -75,7 +75,7 @@ def lap(
     """Run one lap of a standard 400 m track in lane 1: time, lane, energy, heat.
 
     The lane reaches 0.92 m outward and 0.30 m inward of the measured line.
-    Example: sprintlab lap sprint --top-speed 10 --battery --heat
+    Example: sprintlab lap sprint --top-speed 8 --battery --heat
 
     Args:
         recording: also write the run here (.npz), for sprintlab replay.

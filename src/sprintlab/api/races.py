@@ -111,8 +111,8 @@ def race(
         engine: mujoco, drake (needs the extra drake), or both: sprint and raw trials once more in Drake.
         trials: trials with the raw command and as many with the self-paced one.
         output: folder for the report, which must not exist; runs/race-<date>-<time> when left out.
-        report: write a report, as with output (--no-report: only print).
-        video: render an MP4 for the report (--no-video: none).
+        report: write a report; --no-report only prints.
+        video: render an MP4 for the report; --no-video renders none.
     """
     if top_speed is not None:
         check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")

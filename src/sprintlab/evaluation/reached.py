@@ -7,6 +7,7 @@ from pathlib import Path
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed
+from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.results import SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import RobotDescription
@@ -32,9 +33,9 @@ def require_a_runner(pool: TrialPool, speed: float) -> None:
             f"{trial.fall_time or 0.0:.1f} s ({trial.fall_reason}); it needs more training"
         )
     if not trial.metrics.held_speed >= LEAST_SHARE * speed:
+        held = number(trial.metrics.held_speed)
         raise SprintlabError(
-            f"the policy does not run: asked for {speed:g} m/s it holds {trial.metrics.held_speed:.2f} m/s; "
-            "it needs more training"
+            f"the policy does not run: asked for {speed:g} m/s it holds {held} m/s; it needs more training"
         )
 
 

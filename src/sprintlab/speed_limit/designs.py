@@ -204,7 +204,7 @@ class Choice:
         if judge == other and not loss:
             return (
                 f"By {self.basis} both motor models choose {judge}, {top:.2f} m/s; "
-                f"v_d = 0 promises {believed - top:+.2f} m/s more than that."
+                f"v_d = 0 promises {believed - top:.2f} m/s more than that."
             )
         least = (
             ""

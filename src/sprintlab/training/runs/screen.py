@@ -71,7 +71,7 @@ def _held(row: Mapping[str, float], group: str) -> str:
     """``12.31 of 14.5``, and how many limits failed."""
     failed = round(row[f"exam/{group}/limits_failed"])
     remark = f" ({failed} limit{'s' * (failed > 1)} failed)" if failed else ""
-    return f"{row[f'exam/{group}/held']:.2f} of {row[f'exam/{group}/asked']:.1f}{remark}"
+    return f"{round(row[f'exam/{group}/held'], 2) + 0.0:.2f} of {row[f'exam/{group}/asked']:.1f}{remark}"
 
 
 def screen(
