@@ -134,14 +134,16 @@ def row_of(path: str, top: float, pairs: Sequence[tuple[Task, TrialMetrics | Run
         (each.yaw_rate_rad_s or 0.0) / turn.yaw_rate
         for each, turn in zip(groups["turns"], turns(top), strict=True)
     ]
+    left_lane = [each.left_lane for each in groups["100 m"]]
+    lane = ["lane"] if np.median(left_lane) > 0.0 else []
     return {
         "policy": path,
         "held_speed_m_s": speeds[f"{top:g}"]["held_speed_m_s"],
-        "failed": speeds[f"{top:g}"]["failed"],
+        "failed": [*speeds[f"{top:g}"]["failed"], *lane],
         "best_passed_m_s": max(passed, default=None),
         "speeds": speeds,
         "sprint_time_s": [each.time_s for each in groups["100 m"]],
-        "sprint_left_lane": [each.left_lane for each in groups["100 m"]],
+        "sprint_left_lane": left_lane,
         **{f"{name}_held_m_s": groups[name][0].held_speed for name in ("slope", "late", "weak")},
         "backward_m_s": [each.held_speed_m_s for each in groups["backward"]],
         "turn_gain": gains,
