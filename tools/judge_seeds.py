@@ -27,10 +27,10 @@ from sprintlab.api.results import table
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.json_values import json_ready
+from sprintlab.core.text import number
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.pool import WorkerProcesses
 from sprintlab.evaluation.protocol import JOINT_NOISE, ProtocolSettings
-from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.results import TrialMetrics
 from sprintlab.evaluation.robustness import ALL, draw_request
 from sprintlab.evaluation.sweep import Case, Run, run_case

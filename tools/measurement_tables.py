@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from sprintlab.core.text import number
 from sprintlab.integrations.mjcf import dc_motor_excess
 from sprintlab.motors import library_motors, load_library_motor
 
@@ -167,7 +168,7 @@ def guest_costs(found: Row) -> str:
     for title, guest in GUESTS.items():
         times = list(found[guest]["microseconds_per_step"].values())
         line = times[1] if len(times) > 2 else None
-        rows.append((title, *(_number(each, 0) for each in (times[0], line, times[-1]))))
+        rows.append((title, *(cell(each, 0) for each in (times[0], line, times[-1]))))
     return as_table(("framework", "limits only", "straight line", "this package"), rows)
 
 
@@ -180,7 +181,7 @@ def bus_tolerance(found: Sequence[Row]) -> str:
             *(f"{row[key]:g}" for key in ("delay_ms", "jitter_ms", "loss_percent")),
             f"{row['falls']} of {row['runs']}",
             str(row["unfinished"]),
-            *(_number(row[key], 2) for key in ("time_100m_s", "held_speed_m_s")),
+            *(cell(row[key], 2) for key in ("time_100m_s", "held_speed_m_s")),
         )
         for row in found
     ]
@@ -191,8 +192,9 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.1f} %"
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+def cell(value: float | None, digits: int = 2) -> str:
+    """A number in a table; a dash where there is none."""
+    return "-" if value is None else number(value, digits)
 
 
 def _read(name: str) -> Any:

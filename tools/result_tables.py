@@ -22,10 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from measurement_tables import RESULTS, as_table, measurement_tables
+from measurement_tables import RESULTS, as_table, cell, measurement_tables
 
+from sprintlab.core.text import number
 from sprintlab.core.theme import DARK, LIGHT, Theme
-from sprintlab.evaluation.report_text import audit_limit, audit_measured, number
+from sprintlab.evaluation.report_text import audit_limit, audit_measured
 from sprintlab.evaluation.results import AuditItem
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -81,7 +82,7 @@ def beside_the_paper(race: Row, fastest: Row, engines: Sequence[Row]) -> str:
             who,
             f"{engine}, {row['falls']} of {row['trials']} trials fell",
             speed,
-            f"{_cell(row['sprint_time_s'])} s",
+            f"{cell(row['sprint_time_s'])} s",
         )
         for who, engine, row, speed in (
             (_asked(DEFAULT_POLICY, race), "MuJoCo", race, held(race) + seeds(DEFAULT_POLICY)),
@@ -137,9 +138,9 @@ def audit_lines(races: dict[str, Row]) -> str:
     measures: list[tuple[str, Callable[[Row], str]]] = [
         ("held, raw command", held),
         ("held, self-paced command", lambda row: held(row["self_paced"])),
-        ("stride frequency", lambda row: f"{_cell(row['stride_frequency_Hz'], 1)} Hz"),
-        ("duty factor", lambda row: _cell(row["duty"], 3)),
-        ("cost of transport", lambda row: _cell(row["cost_of_transport"])),
+        ("stride frequency", lambda row: f"{cell(row['stride_frequency_Hz'], 1)} Hz"),
+        ("duty factor", lambda row: cell(row["duty"], 3)),
+        ("cost of transport", lambda row: cell(row["cost_of_transport"])),
     ]
     rows = [(label, *(text(row) for row in columns)) for label, text in measures]
     for items in zip(*(row["audit"]["items"] for row in columns), strict=True):
@@ -153,7 +154,7 @@ def robustness(sprints: dict[str, Row]) -> str:
     rows = []
     for name, row in sprints.items():
         found = row["held_speed_quantiles_m_s"]
-        speeds = " / ".join(_cell(found[quantile], 1) for quantile in ("0.05", "0.5", "0.95"))
+        speeds = " / ".join(cell(found[quantile], 1) for quantile in ("0.05", "0.5", "0.95"))
         rows.append((f"`{name}`", f"{row['top_speed_command_m_s']:g} m/s", upright(row), f"{speeds} m/s"))
     return as_table(head, rows)
 
@@ -170,7 +171,7 @@ def second_engine(engines: Sequence[Row]) -> str:
             _speed(second["held_speed_m_s"]),
             "-" if change is None else f"{100 * change:+.1f} %",
             f"{first['falls']} / {second['falls']} of {first['trials']}",
-            f"{_cell(first['sprint_time_s'])} / {_cell(second['sprint_time_s'])} s",
+            f"{cell(first['sprint_time_s'])} / {cell(second['sprint_time_s'])} s",
         )
         rows.append(cells)
     return as_table(head, rows)
@@ -275,10 +276,6 @@ def _audit_cell(item: Row) -> str:
     numbers = {key: float("nan") if item[key] is None else item[key] for key in ("value", "worst")}
     text = audit_measured(AuditItem(**item | numbers))
     return text if item["passed"] else f"**{text}**"
-
-
-def _cell(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else number(value, digits)
 
 
 def _speed(value: float | None) -> str:

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.text import number
+
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 
@@ -36,7 +38,7 @@ class Interval:
         if not math.isfinite(self.center):
             return "-"
         known = filter(math.isfinite, (self.center, self.low, self.high))
-        center, *ends = (f"{round(value, digits) + 0.0:.{digits}f}" for value in known)  # no "-0.0"
+        center, *ends = (number(value, digits) for value in known)
         return f"{center} [{', '.join(ends)}]" if ends else center
 
 

@@ -30,8 +30,3 @@ def shown_fields(kind: type) -> tuple[Quantity, ...]:
     """The quantities that a dataclass declares with ``shown``, in their order."""
     marked = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
     return tuple(dataclasses.replace(item.metadata["quantity"], field=item.name) for item in marked)
-
-
-def number(value: float, digits: int = 2) -> str:
-    """A number as text; a dash where it is not defined."""
-    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "-"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.text import number
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed
-from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.results import SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import RobotDescription

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from sprintlab.commands import SpeedProfile
 from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW
+from sprintlab.core.text import number
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
@@ -23,7 +24,6 @@ from sprintlab.evaluation.report_text import (
     engine_fault,
     engine_table,
     fall_text,
-    number,
     result_rows,
     setup_rows,
     steady_text,

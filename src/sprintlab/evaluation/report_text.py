@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sprintlab.core.text import number
 from sprintlab.evaluation.audit import CLOCK_ITEM
-from sprintlab.evaluation.quantities import Quantity, number
+from sprintlab.evaluation.quantities import Quantity
 from sprintlab.evaluation.results import (
     QUANTITIES,
     REST_SPEED,

@@ -18,10 +18,10 @@ from sprintlab.control import Policy
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.json_values import json_ready
 from sprintlab.core.smoothing import moving_average
+from sprintlab.core.text import number
 from sprintlab.core.theme import LIGHT, legend_above, themed_figure
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.report import (
     Picture,
     PlannedFigure,

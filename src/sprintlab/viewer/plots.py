@@ -10,6 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from sprintlab.core.text import number
 from sprintlab.robots import RobotDescription
 from sprintlab.viewer.envelope_plot import EnvelopePlot, legend
 from sprintlab.viewer.live import Knobs, Snapshot
@@ -136,10 +137,7 @@ def status_text(snapshot: Snapshot, speed: float, pace: float) -> str:
         (snapshot.bus_power / 1e3, 1, "kW"),
         (snapshot.distance, 0, "m"),
     )
-    # The sum takes the minus sign from a zero.
-    row = "".join(
-        f"<td><b>{round(value, digits) + 0.0:.{digits}f}</b> {unit}</td>" for value, digits, unit in cells
-    )
+    row = "".join(f"<td><b>{number(value, digits)}</b> {unit}</td>" for value, digits, unit in cells)
     falls = "1 fall" if snapshot.falls == 1 else f"{snapshot.falls} falls"
     numbers = {
         "speed": speed, "time": snapshot.time, "distance": snapshot.distance, "command": snapshot.command[0],

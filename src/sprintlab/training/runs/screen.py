@@ -10,6 +10,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from sprintlab.core.text import number
 from sprintlab.training.exam import GROUPS, LIMITS, LOAD_SHARE, MOST, REST_SPEED
 from sprintlab.training.runs.stopwatch import PARTS
 
@@ -71,7 +72,7 @@ def _held(row: Mapping[str, float], group: str) -> str:
     """``12.31 of 14.5``, and how many limits failed."""
     failed = round(row[f"exam/{group}/limits_failed"])
     remark = f" ({failed} limit{'s' * (failed > 1)} failed)" if failed else ""
-    return f"{round(row[f'exam/{group}/held'], 2) + 0.0:.2f} of {row[f'exam/{group}/asked']:.1f}{remark}"
+    return f"{number(row[f'exam/{group}/held'])} of {row[f'exam/{group}/asked']:.1f}{remark}"
 
 
 def screen(
