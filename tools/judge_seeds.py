@@ -4,7 +4,8 @@
 
 Each policy runs the profile at several speeds, a 100 m race, a slope, with late commands and weak motors,
 turns, and sprints with everything randomized. One row per policy goes to the screen and into the file, in
-which the policies are in the order of the speed that they hold when asked for the top one.
+which the policies are in the order of the speed that they hold when asked for the top one. A robot of yours
+is looked for in ``./robots``; ``--robot`` says another place.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from sprintlab.api.policies import known_robot
 from sprintlab.api.results import table
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.files import atomic_write_json
@@ -53,31 +55,32 @@ class Task:
     """One run of one policy; ``group`` says what it tells."""
 
     policy: str
+    robot: str | None
     group: str
     case: Case
 
 
 @lru_cache(maxsize=4)
-def opened(path: str) -> tuple[Policy, RobotDescription]:
-    """Policy and robot, once per process."""
+def opened(path: str, robot: str | None) -> tuple[Policy, RobotDescription]:
+    """Policy and robot (that of the contract for ``None``), once per process."""
     policy = load_policy(path)
-    return policy, load_robot(policy.contract.robot_name)
+    return policy, load_robot(robot or known_robot(policy.contract.robot_name, Path(path).name))
 
 
 def run(task: Task) -> TrialMetrics | Run:
     """What a worker process does."""
-    policy, robot = opened(task.policy)
+    policy, robot = opened(task.policy, task.robot)
     if task.group in ("profile", "slope", "late", "weak"):
         return run_trial(policy, robot, task.case.request).metrics
     return run_case(policy, robot, task.case)
 
 
-def tasks(path: str, top: float, trials: int, sprints: int) -> Iterator[Task]:
+def tasks(path: str, robot: str | None, top: float, trials: int, sprints: int) -> Iterator[Task]:
     """Every run of one policy."""
     protocol = ProtocolSettings(trials=trials, required=1)
 
     def task(group: str, request: TrialRequest) -> Task:
-        return Task(policy=path, group=group, case=Case(group=group, request=request))
+        return Task(policy=path, robot=robot, group=group, case=Case(group=group, request=request))
 
     for share in SHARES:
         for request in protocol.requests(share * top, self_paced=False):
@@ -89,13 +92,13 @@ def tasks(path: str, top: float, trials: int, sprints: int) -> Iterator[Task]:
     for seed in range(trials):
         settings = TrialSettings(seed=seed, joint_noise=JOINT_NOISE)
         yield task("100 m", TrialRequest(top_speed=top, distance=100.0, settings=settings))
-    bus = opened(path)[1].bus_voltage
+    bus = opened(path, robot)[1].bus_voltage
     for seed in range(sprints):
         yield task("sprints", draw_request(1000 + seed, ALL, top_speed=top, bus_voltage=bus))
     for turn in turns(top):
-        yield Task(policy=path, group="turns", case=turn.case())
+        yield Task(policy=path, robot=robot, group="turns", case=turn.case())
     for speed in BACKWARD:
-        yield Task(policy=path, group="backward", case=Turn(speed, 0.0, TURN).case())
+        yield Task(policy=path, robot=robot, group="backward", case=Turn(speed, 0.0, TURN).case())
 
 
 def turns(top: float) -> list[Turn]:
@@ -183,6 +186,9 @@ def main() -> None:
     """Judge, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("policies", nargs="+", type=Path)
+    parser.add_argument(
+        "--robot", help="name, folder or table of the robot; that of the policies when left out"
+    )
     parser.add_argument("--top", type=float, default=13.0, help="speed asked for [m/s]")
     parser.add_argument("--trials", type=int, default=3, help="at each speed, and 100 m races")
     parser.add_argument("--sprints", type=int, default=24, help="with everything randomized")
@@ -191,7 +197,8 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
     paths = [str(path) for path in chosen.policies]
-    every = [task for path in paths for task in tasks(path, chosen.top, chosen.trials, chosen.sprints)]
+    counts = (chosen.top, chosen.trials, chosen.sprints)
+    every = [task for path in paths for task in tasks(path, chosen.robot, *counts)]
     console = Console(stderr=True)
     with WorkerProcesses(chosen.workers) as processes:
         found = list(track(processes.map(run, every), "judging", len(every), console=console))
