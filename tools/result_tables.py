@@ -9,7 +9,8 @@ The default policy also has ``fastest.json``, a race at a higher command that pa
 ``lap.json`` (``sprintlab lap sprint --top-speed 9 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
-``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make the figure.
+``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make one figure;
+every robot's limit, beside what its policies hold, makes the other.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ def tables() -> dict[str, str]:
         "robustness": robustness(sprints),
         "besides": besides(RESULTS / DEFAULT_POLICY),
         "second_engine": second_engine(engines),
+        "limits": limits(beside_limits(races, policy_results("seeds.json"))),
         **measurement_tables(),
     }
 
@@ -58,7 +60,7 @@ def with_tables(text: str, found: dict[str, str]) -> str:
     return TABLE.sub(lambda match: f"{match[1]}\n{found[match[2]]}\n\n{match[3]}", text)
 
 
-def policy_results(file: str) -> dict[str, Row]:
+def policy_results(file: str) -> dict[str, Any]:
     """What a command printed for each policy, ``results/POLICY/FILE``, the default policy first."""
     paths = sorted(RESULTS.glob(f"*/{file}"), key=lambda path: path.parent.name != DEFAULT_POLICY)
     return {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in paths}
@@ -209,6 +211,74 @@ def _lap(lap: Row) -> str:
     return ", ".join([*parts, *([f"hottest winding {heat:.0f} degC"] if heat else [])])
 
 
+def beside_limits(races: dict[str, Row], trained: dict[str, list[Row]]) -> dict[str, Row]:
+    """Every robot's limit; what its policy or else its median seed holds [m/s]; the fastest that passes.
+
+    A robot without a policy in the package has its seeds in ``results/ROBOT/seeds.json``.
+    """
+    robots = json.loads((RESULTS / "speed_limit/robots.json").read_text(encoding="utf-8"))["robots"]
+    faster = policy_results("fastest.json")
+    for name in {**races, **trained}:
+        seeds, runs = trained.get(name, []), [each[name] for each in (races, faster) if name in each]
+        passed = [run["held_speed_m_s"] for run in runs if audit(run) == "passed"]
+        passed += [seed["best_passed_m_s"] for seed in seeds if seed["best_passed_m_s"]]
+        shown = races.get(name) or seeds[len(seeds) // 2]
+        robots[shown.get("robot", name)] |= {
+            "held": shown["held_speed_m_s"],
+            "passed": audit(shown) == "passed" if name in races else not shown["failed"],
+            "fastest": max(passed, default=None),
+        }
+    return robots
+
+
+def limits(robots: dict[str, Row]) -> str:
+    """Each robot's speed limit, and what is held beside it."""
+    head = ("robot", "outdoors", "no air", "strides", "held", "audit", "fastest, audit passed")
+    rows = [
+        (
+            f"`{name}`",
+            _speed(row["limit_m_s"]),
+            _speed(row["treadmill_m_s"]),
+            row["strides"],
+            _beside(row.get("held"), row["limit_m_s"]),
+            {True: "passed", False: "**failed**", None: "-"}[row.get("passed")],
+            _beside(row.get("fastest"), row["limit_m_s"]),
+        )
+        for name, row in robots.items()
+    ]
+    return as_table(head, rows)
+
+
+def _beside(speed: float | None, limit: float) -> str:
+    return "-" if speed is None else f"{_speed(speed)}, {100 * speed / limit:.0f} %"
+
+
+def limits_figure(robots: dict[str, Row]) -> bytes:
+    """PNG: a bar for each robot's limit, marks for what is held beside it."""
+    figure = Figure(figsize=(8.0, 0.42 * len(robots) + 1.3), layout="constrained")
+    axes, places, rows = figure.subplots(), range(len(robots)), list(robots.values())
+    speeds = [row["limit_m_s"] for row in rows]
+    axes.barh(places, speeds, height=0.55, color=LIGHT.envelope, label="limit of motors and legs, outdoors")
+    for place, speed in zip(places, speeds, strict=True):
+        axes.text(0.15, place, number(speed), va="center", color=LIGHT.muted)
+    held = [((row["held"], place), row["passed"]) for place, row in enumerate(rows) if row.get("held")]
+    fastest = [(row["fastest"], place) for place, row in enumerate(rows) if row.get("fastest")]
+    for label, marker, colour, points in (
+        ("held, audit passed", "o", LIGHT.speed, [point for point, passed in held if passed]),
+        ("held, audit failed", "X", LIGHT.on_limit, [point for point, passed in held if not passed]),
+        ("fastest of all seeds, audit passed", "D", LIGHT.second, fastest),
+    ):
+        if points:
+            axes.scatter(*zip(*points, strict=True), s=60, marker=marker, color=colour, zorder=3, label=label)
+    axes.set_yticks(list(places), list(robots))
+    axes.invert_yaxis()
+    axes.set_xlabel("speed [m/s]")
+    axes.tick_params(left=False)
+    axes.spines[:].set_visible(False)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False)
+    return _png(figure)
+
+
 def realism(race: Row, engines: Sequence[Row], sprint: Row) -> list[tuple[str, float]]:
     """The default policy's speed [m/s] from the least to the most realistic judgement of it."""
     limits = json.loads((RESULTS / "speed_limit/robots.json").read_text(encoding="utf-8"))["robots"]
@@ -241,6 +311,10 @@ def speeds_figure(points: Sequence[tuple[str, float]], theme: Theme) -> bytes:
     axes.tick_params(colors=theme.foreground, left=False)
     for spine in axes.spines.values():
         spine.set_visible(False)
+    return _png(figure)
+
+
+def _png(figure: Figure) -> bytes:
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=110, metadata={"Software": None})
     return image.getvalue()
@@ -291,3 +365,5 @@ if __name__ == "__main__":
     points = realism(race, second_engine_rows(), sprint)
     for name, theme in (("speeds", LIGHT), ("speeds-dark", DARK)):
         (ROOT / "docs" / "images" / f"{name}.png").write_bytes(speeds_figure(points, theme))
+    picture = limits_figure(beside_limits(policy_results("result.json"), policy_results("seeds.json")))
+    (ROOT / "docs" / "figures" / "limits.png").write_bytes(picture)

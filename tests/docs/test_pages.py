@@ -60,3 +60,16 @@ def test_tables_hold_the_committed_results(load_script):
     found = tables.tables()
     for page in PAGES:
         assert tables.with_tables(read(page), found) == read(page), f"{page.name}: run tools/result_tables.py"
+
+
+def test_beside_a_limit_stand_the_policy_or_else_the_median_seed_and_the_fastest_that_passes(load_script):
+    tables = load_script("tools/result_tables.py")
+    items = [{"name": "foot force", "passed": False}]
+    race = {"robot": "go1", "held_speed_m_s": 7.0, "audit": {"items": items}}
+    speeds = ((5.0, 5.0), (6.0, 6.5), (7.0, None))
+    seeds = [{"held_speed_m_s": held, "best_passed_m_s": best, "failed": []} for held, best in speeds]
+    robots = tables.beside_limits({"go1-sprint": race}, {"go1-sprint": seeds, "a1": seeds})
+    beside = {name: [row.get(key) for key in ("held", "passed", "fastest")] for name, row in robots.items()}
+    assert beside["go1"] == [7.0, False, 6.5] and beside["a1"] == [6.0, True, 6.5]
+    assert beside["go2"] == [None, None, None]
+    assert tables.limits_figure(robots).startswith(b"\x89PNG")
