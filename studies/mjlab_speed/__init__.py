@@ -1,7 +1,8 @@
 """What a motor law is worth in mjlab: its own Go1 task, with faster commands, on three actuators.
 
 Each run trains mjlab's flat velocity task with mjlab's and rsl_rl's own code; only the actuator differs and
-the range of commanded speeds, which mjlab's own curriculum raises until the motors are the limit:
+the range of commanded speeds, which rises while robots follow, until the motors are the limit. All runs begin
+with the networks of one that has learned to walk on mjlab's own actuators. The actuators are:
 
 - ``stock``: mjlab's position actuators with a torque limit (``BuiltinPositionActuatorCfg``);
 - ``data-sheet``: mjlab's brushed DC motor from stall torque and no-load speed (``DcMotorDatasheetParams``);

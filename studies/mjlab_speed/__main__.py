@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import studies.mjlab_speed
-from studies.mjlab_speed.train import ACTUATORS, folder_of, run_all, train
+from studies.mjlab_speed.train import ACTUATORS, ITERATIONS, run_all, train
 
 
 def parser() -> argparse.ArgumentParser:
@@ -18,14 +18,15 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(dest="command", required=True)
     for name in ("train", "one"):
         part = commands.add_parser(name)
-        part.add_argument("--work", type=Path, default=Path("/tmp/mjlab-speed"), help="checkpoints are here")
-        part.add_argument("--iterations", type=int, default=300)
+        part.add_argument("--iterations", type=int, default=ITERATIONS)
         part.add_argument("--environments", type=int, default=4096)
         if name == "one":
+            part.add_argument("--folder", type=Path)
             part.add_argument("--actuator", choices=ACTUATORS)
             part.add_argument("--seed", type=int)
             part.add_argument("--until", type=float)
             continue
+        part.add_argument("--work", type=Path, default=Path("/tmp/mjlab-speed"), help="checkpoints are here")
         part.add_argument("--output", type=Path, required=True)
         part.add_argument("--actuators", nargs="+", choices=ACTUATORS, default=ACTUATORS)
         part.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3))
@@ -50,8 +51,7 @@ def main(words: Sequence[str] | None = None) -> None:
     if given.command == "train":
         run_all(given)
     elif given.command == "one":
-        folder = folder_of(given, given.seed, given.actuator)
-        train(given.actuator, given.seed, folder, given.iterations, given.environments, given.until)
+        train(given.actuator, given.seed, given.folder, given.iterations, given.environments, given.until)
     elif given.command == "judge":
         from studies.mjlab_speed.judge import COMMANDS, judge_all
 

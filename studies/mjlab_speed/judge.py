@@ -24,6 +24,7 @@ from studies.mjlab_speed.train import NO_LOAD_SPEED, STALL_TORQUE
 
 COMMANDS = tuple(np.arange(1.0, 6.01, 0.5))
 RISE, HOLD, JUDGED = 2.0, 5.0, 2.0  # [m/s^2], [s], the hold's last [s]
+FACTS = ("actuator", "seed", "environments", "iterations", "top")
 POLICY_STEPS = 20  # motor steps of 1 ms in one decision
 HEADING_GAIN, LARGEST_YAW_RATE = 0.5, 0.7  # as in mjlab's heading commands [1/s], [rad/s]
 IMU = np.array([-0.01592, -0.06659, -0.00617])  # place of the sensor in the trunk of mjlab's Go1 [m]
@@ -39,7 +40,7 @@ class Policy(NamedTuple):
     scale: FloatArray
     joint_names: tuple[str, ...]
     facts: dict[str, Any]
-    """Actuator, seed, iterations and environments of the training."""
+    """Of the training: actuator, seed, robots, iterations, and the fastest command at its end [m/s]."""
 
     def action(self, observation: FloatArray) -> FloatArray:
         """Joint offsets before scaling ``(12,)``, in the order of ``joint_names``."""
@@ -66,7 +67,7 @@ def load(path: Path) -> Policy:
             home=found["home"],
             scale=found["scale"],
             joint_names=tuple(map(str, found["joint_names"])),
-            facts={name: found[name].item() for name in ("actuator", "seed", "iterations", "environments")},
+            facts={name: found[name].item() for name in FACTS},
         )
 
 

@@ -65,6 +65,7 @@ def text(found: Sequence[Run]) -> str:
         verdict=verdict(groups),
         trainings=len(found),
         steps=" to ".join(f"{steps:.3g}" for steps in sorted({min(budgets), max(budgets)})),
+        tops=" and ".join(f"{pick(run['top'] for run in found):.1f}" for pick in (min, max)),
         rows="\n".join(rows),
         iterations=max(run["iterations"] for run in found),
     )
@@ -125,10 +126,11 @@ SECTION = """## What a training on it is worth
 
 {verdict}
 
-mjlab's own Go1 on flat ground, trained by mjlab's and rsl_rl's code on three actuators, with commands up
-to 6 m/s: {trainings} trainings of {steps} million steps. Each is judged on our plant, under the law that it
-was trained with and under the refined law of its motors. The table has the median of the seeds (least to
-most).
+mjlab's own Go1 on flat ground, trained by mjlab's and rsl_rl's code on three actuators: {trainings} trainings
+of {steps} million steps. All begin with the networks of one training on `stock` that has learned to walk.
+The commands rise as long as the robots follow those that there are, to between {tops} m/s at the end. Each
+policy is judged on our plant, under the law that it was trained with and under the refined law of its motors.
+The table has the median of the seeds (least to most).
 
 | actuator in training | promised [m/s] | delivered [m/s] | torque that no motor gives | falls |
 |---|---|---|---|---|

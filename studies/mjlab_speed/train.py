@@ -19,8 +19,16 @@ import numpy as np
 from sprintlab.robots import robot_motors
 
 ACTUATORS = ("stock", "data-sheet", "refined")
-STAGES = ((0.0, 1.5), (0.1, 2.0), (0.2, 3.0), (0.35, 4.0), (0.5, 5.0), (0.65, 6.0))
-"""Share of the training from which commands go up to a speed [m/s]."""
+SLOWEST_TOP, HIGHEST_TOP, RAISE = 1.0, 6.5, 0.1
+"""Commands go up to the first at the beginning, at most up to the second, and rise by the third [m/s]."""
+TRACKED = 0.55
+"""Share of mjlab's tracking reward, averaged over all robots, at which the commands rise. Robots that stand
+still earn 0.3: raised by the clock, commands left robots behind that had not learned to walk yet."""
+PATIENCE = 4  # iterations between two raises, at least
+WALKING = "walking"
+"""Name of the training from whose last checkpoint every other one begins: mjlab's own actuator."""
+WALKING_TOP, WALKING_ITERATIONS = 1.5, 600
+"""It ends once its commands go up to this [m/s], or after so many iterations."""
 STALL_TORQUE = {"hip": 23.7, "thigh": 23.7, "calf": 35.55}
 """Published for the Go1's joints [N m]."""
 NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
@@ -28,7 +36,7 @@ NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
 NOMINAL_VOLTAGE = 24.0
 STEPS_PER_ITERATION = 24
 """Policy steps per robot between two updates in mjlab's task."""
-CHUNK = 25  # iterations between two checkpoints
+ITERATIONS, CHUNK = 240, 20  # of each training; between two checkpoints
 POLICY = "policy.npz"
 
 
@@ -63,27 +71,50 @@ def actuators(law: str) -> tuple[Any, ...]:
     return group(go1.GO1_HIP_ACTUATOR_CFG, "hip"), group(go1.GO1_KNEE_ACTUATOR_CFG, "calf")
 
 
-def task(law: str, environments: int, iterations: int, seed: int) -> Any:
-    """mjlab's Go1 flat task; its curriculum raises the commands over the run."""
-    from mjlab.entity import EntityArticulationInfoCfg
-    from mjlab.tasks.velocity.config.go1.env_cfgs import unitree_go1_flat_env_cfg
-    from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
+class CommandRange:
+    """mjlab's curriculum term: commands rise while the robots, on average, follow those that there are."""
 
-    steps = iterations * unitree_go1_ppo_runner_cfg().num_steps_per_env
+    def __init__(self, top: float) -> None:
+        self.top, self.tracked = top, 0.0  # of the forward speeds commanded [m/s]; what was tracked lately
+        self._earned, self._steps = 0.0, 0
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> CommandRange:
+        """mjlab copies its settings; the range stays one."""
+        return self
+
+    def __call__(self, env: Any, env_ids: Any, command_name: str) -> dict[str, float]:
+        """mjlab calls this whenever robots restart: in nearly every step."""
+        rewards, name = env.reward_manager, "track_linear_velocity"
+        earned = rewards._step_reward[:, rewards.active_terms.index(name)].mean()
+        self._earned, self._steps = self._earned + earned, self._steps + 1
+        if self._steps >= PATIENCE * STEPS_PER_ITERATION:
+            self.tracked = float(self._earned) / self._steps / rewards.get_term_cfg(name).weight
+            self.top = min(self.top + RAISE * (self.tracked > TRACKED), HIGHEST_TOP)
+            self._earned, self._steps = 0.0, 0
+        env.command_manager.get_term(command_name).cfg.ranges.lin_vel_x = (-1.0, self.top)
+        return {"top": self.top, "tracked": self.tracked}
+
+
+def task(law: str, environments: int, seed: int, commands: CommandRange) -> Any:
+    """mjlab's Go1 flat task; its curriculum raises the commands."""
+    from mjlab.entity import EntityArticulationInfoCfg
+    from mjlab.managers.curriculum_manager import CurriculumTermCfg
+    from mjlab.tasks.velocity.config.go1.env_cfgs import unitree_go1_flat_env_cfg
+
     found = unitree_go1_flat_env_cfg()
     found.scene.num_envs, found.seed = environments, seed
     found.scene.entities["robot"].articulation = EntityArticulationInfoCfg(
         actuators=actuators(law), soft_joint_pos_limit_factor=0.9
     )
-    found.curriculum["command_vel"].params["velocity_stages"] = [
-        {"step": int(share * steps), "lin_vel_x": (-1.0, top), "ang_vel_z": (-0.7, 0.7)}
-        for share, top in STAGES
-    ]
+    found.curriculum["command_vel"] = CurriculumTermCfg(func=commands, params={"command_name": "twist"})
     return found
 
 
 def train(law: str, seed: int, folder: Path, iterations: int, environments: int, until: float) -> None:
-    """Train or resume, to the last iteration or until a time [s since 1970]; leaves ``policy.npz``."""
+    """Train or resume, to the last iteration or until a time [s since 1970]; leaves ``policy.npz``.
+
+    A new run begins with the networks of the run ``walking`` beside it, if there is one.
+    """
     os.environ.setdefault("MUJOCO_GL", "disabled")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")  # a GPU node may have no git
     import torch
@@ -95,24 +126,41 @@ def train(law: str, seed: int, folder: Path, iterations: int, environments: int,
     torch.manual_seed(seed)
     settings = unitree_go1_ppo_runner_cfg()
     settings.logger, settings.seed, settings.save_interval = "tensorboard", seed, 10**9
-    environment = ManagerBasedRlEnv(cfg=task(law, environments, iterations, seed), device=device)
+    own, walking = newest_checkpoint(folder), newest_checkpoint(folder.with_name(WALKING))
+    before = folder if own else folder.with_name(WALKING)
+    commands = CommandRange(fact(before, "top", SLOWEST_TOP))
+    environment = ManagerBasedRlEnv(cfg=task(law, environments, seed, commands), device=device)
     runner = MjlabOnPolicyRunner(RslRlVecEnvWrapper(environment), asdict(settings), str(folder), device)
-    done = 0
-    if checkpoint := newest_checkpoint(folder):
+    if checkpoint := own or walking:
         runner.load(str(checkpoint), map_location=device)
-        done = runner.current_learning_iteration = runner.current_learning_iteration + 1
+    done = runner.current_learning_iteration = fact(folder, "iterations", 0)
     facts = {"actuator": law, "seed": seed, "environments": environments}
     action = environment.action_manager.get_term("joint_pos")
     first, begun = done, time.time()
-    while done < iterations and time.time() < until:
+    while done < iterations and time.time() < until and not has_walked(folder):
         runner.learn(min(CHUNK, iterations - done), init_at_random_ep_len=done == 0)
         done = runner.current_learning_iteration = runner.current_learning_iteration + 1
         for old in sorted(folder.glob("model_*.pt"), key=lambda path: path.stat().st_mtime)[:-1]:
             old.unlink()
-        export(runner, environment.scene["robot"], action, {**facts, "iterations": done}, folder / POLICY)
+        now = {**facts, "iterations": done, "top": commands.top}
+        export(runner, environment.scene["robot"], action, now, folder / POLICY)
         rate = (done - first) * settings.num_steps_per_env * environments / (time.time() - begun)
-        print(f"{law} {seed}: iteration {done}, {rate:,.0f} steps/s", file=sys.stderr, flush=True)
+        said = f"iteration {done}, {rate:,.0f} steps/s, commands up to {commands.top:.1f} m/s"
+        print(f"{folder.name}: {said}, {commands.tracked:.2f} tracked", file=sys.stderr, flush=True)
     environment.close()
+
+
+def has_walked(folder: Path) -> bool:
+    """Whether this is the run that all others begin from, and it has got where they begin."""
+    return folder.name == WALKING and fact(folder, "top", 0.0) >= WALKING_TOP
+
+
+def fact(folder: Path, name: str, otherwise: Any) -> Any:
+    """A fact of the run in a folder, as its policy has it; else the third."""
+    if not (folder / POLICY).exists():
+        return otherwise
+    with np.load(folder / POLICY) as found:
+        return found[name].item()
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
@@ -134,30 +182,40 @@ def export(runner: Any, entity: Any, action: Any, facts: dict[str, Any], path: P
 
 
 def run_all(given: argparse.Namespace) -> None:
-    """Train what is left, several at a time, and pack what there is."""
-    import torch
-
+    """Learn to walk, train what is left, several at a time, and pack what there is."""
     until = time.time() + 60.0 * given.minutes
     runs = list(itertools.product(given.seeds, given.actuators))
-    left = [run for run in runs if iterations_done(folder_of(given, *run)) < given.iterations]
-    gpus = [str(number) for number in range(torch.cuda.device_count())] or [""]
+    walking, gpus = given.work / WALKING, visible_gpus()
+    if not has_walked(walking) and fact(walking, "iterations", 0) < WALKING_ITERATIONS:
+        start(given, walking, 0, "stock", WALKING_ITERATIONS, until, gpus[0]).wait()
+    left = [run for run in runs if fact(folder_of(given, *run), "iterations", 0) < given.iterations]
     running: list[tuple[subprocess.Popen[bytes], str]] = []
     while running or (left and time.time() < until):
         running = [(process, gpu) for process, gpu in running if process.poll() is None]
         while left and len(running) < given.parallel * len(gpus) and time.time() < until:
             busy = [gpu for _, gpu in running]
-            gpu = min(gpus, key=busy.count)
-            running.append((start(given, *left.pop(0), until, gpu), gpu))
+            gpu, run = min(gpus, key=busy.count), left.pop(0)
+            process = start(given, folder_of(given, *run), *run, given.iterations, until, gpu)
+            running.append((process, gpu))
         time.sleep(0.5)
     pack(given, runs)
 
 
-def start(given: argparse.Namespace, seed: int, law: str, until: float, gpu: str) -> subprocess.Popen[bytes]:
+def visible_gpus() -> list[str]:
+    """GPUs that this process may use, as ``CUDA_VISIBLE_DEVICES`` names them; one without a name on a CPU."""
+    import torch
+
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    return named.split(",") if named else list(map(str, range(torch.cuda.device_count()))) or [""]
+
+
+def start(
+    given: argparse.Namespace, folder: Path, seed: int, law: str, iterations: int, until: float, gpu: str
+) -> subprocess.Popen[bytes]:
     """One training as a process on one GPU; rsl_rl's tables go to ``log.txt`` beside its checkpoint."""
-    folder = folder_of(given, seed, law)
     folder.mkdir(parents=True, exist_ok=True)
-    words = ["--actuator", law, "--seed", seed, "--work", given.work, "--until", until]
-    words += ["--iterations", given.iterations, "--environments", given.environments]
+    words = ["--folder", folder, "--actuator", law, "--seed", seed, "--until", until]
+    words += ["--iterations", iterations, "--environments", given.environments]
     command = [sys.executable, "-m", "studies.mjlab_speed", "one", *map(str, words)]
     environment = {**os.environ, "CUDA_VISIBLE_DEVICES": gpu, "OMP_NUM_THREADS": "1"}
     with (folder / "log.txt").open("ab") as log:
@@ -169,14 +227,6 @@ def folder_of(given: argparse.Namespace, seed: int, law: str) -> Path:
     return given.work / f"{law}-{seed}"
 
 
-def iterations_done(folder: Path) -> int:
-    """Iterations behind the policy of a run; zero without one."""
-    if not (folder / POLICY).exists():
-        return 0
-    with np.load(folder / POLICY) as found:
-        return int(found["iterations"])
-
-
 def pack(given: argparse.Namespace, runs: Sequence[tuple[int, str]]) -> None:
     """Write ``results.zip`` with the policy of each run, 0.8 MB each, and print what is left to train."""
     given.output.mkdir(parents=True, exist_ok=True)
@@ -184,7 +234,7 @@ def pack(given: argparse.Namespace, runs: Sequence[tuple[int, str]]) -> None:
     with zipfile.ZipFile(given.output / "results.zip", "w") as archive:
         for seed, law in runs:
             folder = folder_of(given, seed, law)
-            if done := iterations_done(folder):
+            if done := fact(folder, "iterations", 0):
                 archive.write(folder / POLICY, f"{law}-{seed}/{POLICY}")
             if done < given.iterations:
                 left.append(f"{law}-{seed} from iteration {done}")

@@ -1,6 +1,8 @@
 """The comparison of actuators in mjlab: what carries a policy from mjlab to our plant loses nothing."""
 
+import copy
 import importlib.util
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -86,6 +88,28 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
     motion = [expected[name] for name in ("base_lin_vel", "base_ang_vel", "projected_gravity")]
     wanted = np.concatenate([*motion, joints - policy.home, expected["joint_vel"]])
     assert seen[:33] == pytest.approx(wanted, abs=1e-4)
+
+
+@pytest.mark.parametrize(("earned", "rises"), [(1.4, True), (0.6, False)])
+def test_commands_rise_only_while_robots_follow(earned: float, rises: bool) -> None:
+    """The term's reward has the weight 2: 1.4 is 0.7 of it, and robots that stand earn 0.3."""
+    import torch
+
+    ranges = SimpleNamespace(lin_vel_x=None)
+    env = SimpleNamespace(
+        reward_manager=SimpleNamespace(
+            active_terms=["upright", "track_linear_velocity"],
+            _step_reward=torch.tensor([[9.0, earned]] * 4),
+            get_term_cfg=lambda name: SimpleNamespace(weight=2.0),
+        ),
+        command_manager=SimpleNamespace(
+            get_term=lambda name: SimpleNamespace(cfg=SimpleNamespace(ranges=ranges))
+        ),
+    )
+    commands = copy.deepcopy(training.CommandRange(2.0))
+    for _ in range(2 * training.PATIENCE * training.STEPS_PER_ITERATION):
+        commands(env, None, "twist")
+    assert ranges.lin_vel_x == pytest.approx((-1.0, 2.0 + 2 * training.RAISE * rises))
 
 
 def test_the_speed_reached_is_that_of_a_command_most_trials_hold():
