@@ -173,7 +173,7 @@ def shown(rows: Sequence[dict[str, Any]]) -> Any:
             cell(row["best_passed_m_s"]),
             " ".join(cell(each) for each in row["sprint_time_s"]),
             *(cell(row[f"{name}_held_m_s"]) for name in ("slope", "late", "weak")),
-            f"{100 * min(row['turn_gain']):.0f} to {100 * max(row['turn_gain']):.0f} %",
+            " to ".join(number(100 * pick(row["turn_gain"]), 0) for pick in (min, max)) + " %",
             f"{100 * row['sprints_upright']:.0f} %, {cell(row['sprints_median_m_s'])}, "
             f"{cell(row['sprints_slow_m_s'])}",
         )

@@ -31,14 +31,16 @@ class InvalidValueError(SprintlabError, ValueError):
     Args:
         field: name of the field as the user wrote it, e.g. ``motor.stator_resistance``.
         value: the refused value.
-        allowed: what would have been accepted, in words with units.
+        allowed: what would have been accepted, in words with units; for a field without a value it may begin
+            with ``is missing``.
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
         written = " ".join(repr(value).split())  # arrays are written over several lines
         if len(written) > _LONGEST_VALUE:
             written = f"{written[:_LONGEST_VALUE]}..."
-        super().__init__(f"{field} = {written} is not allowed: {allowed}")
+        absent = value is None and allowed.startswith("is missing")
+        super().__init__(f"{field} {allowed}" if absent else f"{field} = {written} is not allowed: {allowed}")
         self.field = field
         self.value = value
         self.allowed = allowed

@@ -105,6 +105,14 @@ def test_missing_conventions_are_all_named_with_what_they_would_mean():
     assert "'line rms' (psi = 3.536 mWb)" in message
 
 
+def test_a_sheet_without_a_constant_of_the_motor_is_told_which_would_do():
+    table = sheet_of(MOTOR)
+    for name in ("kv", "back_emf_constant", "torque_constant"):
+        table.pop(name, None)
+    with pytest.raises(SprintlabError, match=r"^datasheet\.kv is missing: give one of .*torque_constant"):
+        convert(table)
+
+
 def test_constants_may_be_taken_behind_the_gear():
     """A geared motor's sheet gives its speed and torque constants at the output."""
     table = sheet_of(MOTOR, gear_ratio=36.0)
