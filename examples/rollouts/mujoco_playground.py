@@ -10,8 +10,9 @@ def record(env, policy, steps, path="rollout.npz", seed=0):
     step = jax.jit(env.step)
     for _ in range(steps):
         state = step(state, policy(state.obs))
-        data = state.data  # the first six velocities are the floating base's
-        rows.append([np.asarray(part) for part in (data.qvel[6:], data.qfrc_actuator[6:], data.qvel[:3])])
+        data = state.data  # the first six velocities are the floating base's, its linear ones in the world
+        parts = (data.qvel[6:], data.qfrc_actuator[6:], data.xmat[1].T @ data.qvel[:3])
+        rows.append([np.asarray(part) for part in parts])
     velocity, torque, base = (np.array(column) for column in zip(*rows, strict=True))
     time = np.arange(1, steps + 1) * env.dt
     names = np.array([env.mj_model.joint(at).name for at in range(1, env.mj_model.njnt)])

@@ -108,8 +108,9 @@ def _export(checkpoint: Path) -> None:
     """The policy beside its checkpoint; what the export refuses does not undo the training."""
     from sprintlab.training.runs.export import export_checkpoint
 
+    console = Console(stderr=True)
     try:
-        with Console(stderr=True).status("exporting the policy"):
+        with console.status("exporting the policy") if console.is_terminal else nullcontext():
             export_checkpoint(checkpoint, checkpoint.with_name(POLICY_NAME))
     except SprintlabError as error:
         raise SprintlabError(f"{checkpoint} is trained and kept, but not exported: {error}") from error
