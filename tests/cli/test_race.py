@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import sprintlab as sl
+from sprintlab.evaluation.rollouts import load_rollout
+from sprintlab.robots import load_robot
 
 BRIEF = ("--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video", "--distance", 0.5)
 SEARCH = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1)
@@ -28,6 +30,7 @@ def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     assert len(numbers["facts"]["policy SHA-256"]) == 64
     with np.load(folder / "trajectory.npz") as archive:
         assert archive["motor_torque"].shape == (len(archive["time"]), 12)
+    assert load_rollout(folder / "trajectory.npz").joint_names == load_robot("bp2").joint_names
     refused = call("race", policy, "--output", folder, *BRIEF)
     assert refused.status == 2 and "exists already" in refused.err
 

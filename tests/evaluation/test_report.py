@@ -138,8 +138,8 @@ def test_a_race_of_which_nothing_is_known_has_no_nan_in_its_report(race, robot, 
 
 
 @pytest.fixture
-def recording(trial, tmp_path):
-    save_trajectory(tmp_path / "run.npz", trial.trajectory)
+def recording(trial, robot, tmp_path):
+    save_trajectory(tmp_path / "run.npz", trial.trajectory, robot.joint_names)
     return tmp_path / "run.npz", tmp_path / "run.mp4"
 
 

@@ -104,7 +104,7 @@ def lap(
     from sprintlab.evaluation.race_files import save_trajectory
 
     with kept(result):
-        save_trajectory(Path(recording), trial.trajectory)
+        save_trajectory(Path(recording), trial.trajectory, described.joint_names)
     where = f"recording: {recording}; look at it with: sprintlab replay {recording}"
     return replace(result, shown=[*result.shown, where])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import platform
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
@@ -54,10 +55,10 @@ def write_race(
     """
     with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
         sprint, recording, film = result.sprint.trial, folder / "trajectory.npz", folder / "sprint.mp4"
-        save_trajectory(recording, recorded(sprint))
+        save_trajectory(recording, recorded(sprint), robot.joint_names)
         shot = (recording, film, table, sprint.hold_interval[1])
         rendering = background.submit(render_video, *shot) if video else None
-        save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
+        save_trajectory(folder / "profile.npz", recorded(representative(result.raw)), robot.joint_names)
         plan = planned_figures(result, robot)
         pictures = draw_pictures(plan, lambda title: progress(f"drawing: {title.lower()}"))
         for picture in pictures:
@@ -84,12 +85,13 @@ def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str,
     return {name: printable(fact, _LONGEST_FACT) for name, fact in facts.items()}
 
 
-def save_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write every array of a trajectory as compressed npz, in one step.
+def save_trajectory(path: Path, trajectory: Trajectory, joint_names: Sequence[str]) -> None:
+    """Write every array of a trajectory and the names of its joints as compressed npz, in one step.
 
     Raises:
         SprintlabError: the disk refuses, or something that is no file has the name.
     """
     stream = io.BytesIO()
-    np.savez_compressed(stream, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
+    arrays = {**trajectory.arrays(), "joint_names": np.array(joint_names)}
+    np.savez_compressed(stream, **arrays)  # pyright: ignore[reportArgumentType]
     atomic_write_bytes(path, stream.getvalue())
