@@ -193,7 +193,7 @@ def _percent(share: float) -> str:
 
 
 def cell(value: float | None, digits: int = 2) -> str:
-    """A number in a table; a dash where there is none."""
+    """A number in a table; a dash where it is missing."""
     return "-" if value is None else number(value, digits)
 
 
