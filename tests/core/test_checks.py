@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.checks import check_choice, check_finite, check_interval, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, MissingValueError, SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.json_values import json_ready
 
@@ -52,6 +52,9 @@ def test_choice_lists_what_could_be_chosen():
 def test_invalid_value_crosses_a_process_border():
     error = pickle.loads(pickle.dumps(InvalidValueError("mass", -1.0, "must be positive")))
     assert (error.field, error.value, error.allowed) == ("mass", -1.0, "must be positive")
+    assert (
+        str(pickle.loads(pickle.dumps(MissingValueError("mass", "give one")))) == "mass is missing: give one"
+    )
 
 
 def test_arrays_become_lists_and_what_is_not_finite_null():

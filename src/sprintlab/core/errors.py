@@ -31,23 +31,33 @@ class InvalidValueError(SprintlabError, ValueError):
     Args:
         field: name of the field as the user wrote it, e.g. ``motor.stator_resistance``.
         value: the refused value.
-        allowed: what would have been accepted, in words with units; for a field without a value it may begin
-            with ``is missing``.
+        allowed: what would have been accepted, in words with units.
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
         written = " ".join(repr(value).split())  # arrays are written over several lines
         if len(written) > _LONGEST_VALUE:
             written = f"{written[:_LONGEST_VALUE]}..."
-        absent = value is None and allowed.startswith("is missing")
-        super().__init__(f"{field} {allowed}" if absent else f"{field} = {written} is not allowed: {allowed}")
+        super().__init__(f"{field} = {written} is not allowed: {allowed}")
         self.field = field
         self.value = value
         self.allowed = allowed
 
-    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         """Survive pickling, which worker processes need to report it."""
         return type(self), (self.field, self.value, self.allowed)
+
+
+class MissingValueError(InvalidValueError):
+    """A field has no value where it needs one; ``allowed`` says what to give."""
+
+    def __init__(self, field: str, allowed: str) -> None:
+        super().__init__(field, None, allowed)
+        self.args = (f"{field} is missing: {allowed}",)
+
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        """As for every invalid value."""
+        return type(self), (self.field, self.allowed)
 
 
 class UnwrittenError(SprintlabError):

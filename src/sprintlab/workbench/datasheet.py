@@ -31,7 +31,7 @@ from typing import Any
 import tomli_w
 
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
+from sprintlab.core.errors import InvalidValueError, MissingValueError, SprintlabError, printable
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors.files import SupplyFile, save_supply, table_of
 from sprintlab.motors.parameters import PmsmParameters
@@ -117,8 +117,8 @@ def save_converted_motor(
 def save_converted_supply(conversion: DatasheetConversion, path: str | os.PathLike[str]) -> None:
     """Write the drive's I²t and the motor's heat as a supply file; ``load_supply`` reads it."""
     if conversion.i2t is None and conversion.heat is None:
-        allowed = "is missing: give it or winding_time_constant, beside rated_current or rated_torque"
-        raise InvalidValueError("datasheet.peak_duration", None, allowed)
+        allowed = "give it or winding_time_constant, beside rated_current or rated_torque"
+        raise MissingValueError("datasheet.peak_duration", allowed)
     save_supply(SupplyFile(battery=None, heat=conversion.heat, i2t=conversion.i2t), path)
 
 
@@ -187,7 +187,7 @@ class _Conversion:
 
     def _needed(self, name: str, hint: str) -> Entry:
         if name not in self._entries:
-            raise InvalidValueError(f"datasheet.{name}", None, f"is missing: {hint}")
+            raise MissingValueError(f"datasheet.{name}", hint)
         return self._entries[name]
 
     def _refuse_ambiguous(self) -> None:
@@ -243,8 +243,7 @@ class _Conversion:
         """The flux linkage from every entry that gives it; they must agree."""
         found = [self._entries[name] for name in _FLUX_LAWS if name in self._entries]
         if not found:
-            allowed = "is missing: give one of " + ", ".join(_FLUX_LAWS)
-            raise InvalidValueError("datasheet.kv", None, allowed)
+            raise MissingValueError("datasheet.kv", "give one of " + ", ".join(_FLUX_LAWS))
         values = {entry.name: self._flux_step(entry) for entry in found}
         chosen = self._sheet.flux_from or found[0].name
         if chosen not in values:
@@ -314,8 +313,8 @@ class _Conversion:
             before = self._step(quantity, "1.5 N psi i_peak", numbers, constant * amplitude, "N m")
             return before, self._saturation(before, delivered)
         if delivered is None:
-            allowed = "is missing: give peak_current or peak_torque, the drive's limit"
-            raise InvalidValueError("datasheet.peak_current", None, allowed)
+            allowed = "give peak_current or peak_torque, the drive's limit"
+            raise MissingValueError("datasheet.peak_current", allowed)
         alpha = self._stated_saturation() or 0.0
         before, numbers = delivered / (1.0 - alpha), f"{delivered:.5g} / (1 - {alpha:.3g})"
         return self._step(quantity, "tau / (1 - alpha)", numbers, before, "N m"), alpha

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.errors import InvalidValueError, MissingValueError
 from sprintlab.core.reading import read_toml
 from sprintlab.workbench import units
 from sprintlab.workbench.units import unit_factor
@@ -187,9 +187,7 @@ def _pole_pairs(table: Mapping[str, Any]) -> int:
         if value is not None and (type(value) is not int or value < 1):
             raise InvalidValueError(key, value, "must be a whole number of at least 1")
     if poles is None and pairs is None:
-        raise InvalidValueError(
-            "poles", None, "is missing: give poles (magnets) or pole_pairs (half of them)"
-        )
+        raise MissingValueError("poles", "give poles (magnets) or pole_pairs (half of them)")
     if poles is not None and poles % 2:
         raise InvalidValueError("poles", poles, "must be even; if it counts pairs, write pole_pairs")
     if poles is not None and pairs is not None and poles != 2 * pairs:
