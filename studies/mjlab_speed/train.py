@@ -126,12 +126,11 @@ def train(law: str, seed: int, folder: Path, iterations: int, environments: int,
     torch.manual_seed(seed)
     settings = unitree_go1_ppo_runner_cfg()
     settings.logger, settings.seed, settings.save_interval = "tensorboard", seed, 10**9
-    own, walking = newest_checkpoint(folder), newest_checkpoint(folder.with_name(WALKING))
-    before = folder if own else folder.with_name(WALKING)
+    before = folder if newest_checkpoint(folder) else folder.with_name(WALKING)
     commands = CommandRange(fact(before, "top", SLOWEST_TOP))
     environment = ManagerBasedRlEnv(cfg=task(law, environments, seed, commands), device=device)
     runner = MjlabOnPolicyRunner(RslRlVecEnvWrapper(environment), asdict(settings), str(folder), device)
-    if checkpoint := own or walking:
+    if checkpoint := newest_checkpoint(before):
         runner.load(str(checkpoint), map_location=device)
     done = runner.current_learning_iteration = fact(folder, "iterations", 0)
     facts = {"actuator": law, "seed": seed, "environments": environments}
