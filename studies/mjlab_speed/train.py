@@ -21,9 +21,9 @@ from sprintlab.robots import robot_motors
 ACTUATORS = ("stock", "data-sheet", "refined")
 SLOWEST_TOP, HIGHEST_TOP, RAISE = 1.0, 6.5, 0.1
 """Commands go up to the first at the beginning, at most up to the second, and rise by the third [m/s]."""
-TRACKED = 0.55
-"""Share of mjlab's tracking reward, averaged over all robots, at which the commands rise. Robots that stand
-still earn 0.3: raised by the clock, commands left robots behind that had not learned to walk yet."""
+FAST, TRACKED = 0.75, 0.5
+"""Commands rise while robots whose command is above this share of the fastest earn this share of mjlab's
+tracking reward. Averaged over all robots, slow commands hide that those with fast ones stand still."""
 PATIENCE = 4  # iterations between two raises, at least
 WALKING = "walking"
 """Name of the training from whose last checkpoint every other one begins: mjlab's own actuator."""
@@ -36,7 +36,7 @@ NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
 NOMINAL_VOLTAGE = 24.0
 STEPS_PER_ITERATION = 24
 """Policy steps per robot between two updates in mjlab's task."""
-ITERATIONS, CHUNK = 240, 20  # of each training; between two checkpoints
+ITERATIONS, CHUNK = 300, 20  # of each training; between two checkpoints
 POLICY = "policy.npz"
 
 
@@ -72,11 +72,11 @@ def actuators(law: str) -> tuple[Any, ...]:
 
 
 class CommandRange:
-    """mjlab's curriculum term: commands rise while the robots, on average, follow those that there are."""
+    """mjlab's curriculum term: commands rise while the robots follow the fastest that there are."""
 
     def __init__(self, top: float) -> None:
         self.top, self.tracked = top, 0.0  # of the forward speeds commanded [m/s]; what was tracked lately
-        self._earned, self._steps = 0.0, 0
+        self._earned, self._counted, self._steps = 0.0, 0.0, 0
 
     def __deepcopy__(self, memo: dict[int, Any]) -> CommandRange:
         """mjlab copies its settings; the range stays one."""
@@ -85,13 +85,17 @@ class CommandRange:
     def __call__(self, env: Any, env_ids: Any, command_name: str) -> dict[str, float]:
         """mjlab calls this whenever robots restart: in nearly every step."""
         rewards, name = env.reward_manager, "track_linear_velocity"
-        earned = rewards._step_reward[:, rewards.active_terms.index(name)].mean()
-        self._earned, self._steps = self._earned + earned, self._steps + 1
+        commands = env.command_manager.get_term(command_name)
+        earned = rewards._step_reward[:, rewards.active_terms.index(name)]
+        fast = (commands.command[:, 0] > FAST * self.top).float()
+        self._earned, self._counted = self._earned + (fast * earned).sum(), self._counted + fast.sum()
+        self._steps += 1
         if self._steps >= PATIENCE * STEPS_PER_ITERATION:
-            self.tracked = float(self._earned) / self._steps / rewards.get_term_cfg(name).weight
+            weight = rewards.get_term_cfg(name).weight
+            self.tracked = float(self._earned) / max(float(self._counted), 1.0) / weight
             self.top = min(self.top + RAISE * (self.tracked > TRACKED), HIGHEST_TOP)
-            self._earned, self._steps = 0.0, 0
-        env.command_manager.get_term(command_name).cfg.ranges.lin_vel_x = (-1.0, self.top)
+            self._earned, self._counted, self._steps = 0.0, 0.0, 0
+        commands.cfg.ranges.lin_vel_x = (-1.0, self.top)
         return {"top": self.top, "tracked": self.tracked}
 
 

@@ -92,18 +92,19 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
 
 @pytest.mark.parametrize(("earned", "rises"), [(1.4, True), (0.6, False)])
 def test_commands_rise_only_while_robots_follow(earned: float, rises: bool) -> None:
-    """The term's reward has the weight 2: 1.4 is 0.7 of it, and robots that stand earn 0.3."""
+    """The weight is 2: robots with fast commands earn 0.7 of it, or 0.3; slow ones do not count."""
     import torch
 
     ranges = SimpleNamespace(lin_vel_x=None)
+    given = torch.tensor([[1.9, 0.0, 0.0]] * 2 + [[0.5, 0.0, 0.0]] * 2)
     env = SimpleNamespace(
         reward_manager=SimpleNamespace(
             active_terms=["upright", "track_linear_velocity"],
-            _step_reward=torch.tensor([[9.0, earned]] * 4),
+            _step_reward=torch.tensor([[9.0, earned]] * 2 + [[9.0, 2.0 - earned]] * 2),
             get_term_cfg=lambda name: SimpleNamespace(weight=2.0),
         ),
         command_manager=SimpleNamespace(
-            get_term=lambda name: SimpleNamespace(cfg=SimpleNamespace(ranges=ranges))
+            get_term=lambda name: SimpleNamespace(cfg=SimpleNamespace(ranges=ranges), command=given)
         ),
     )
     commands = copy.deepcopy(training.CommandRange(2.0))
