@@ -69,6 +69,17 @@ class FittedRobot:
     spread: float  # greatest relative difference between legs in lengths and masses
     unlike: tuple[str, ...]  # joints whose numbers differ between legs, with the value of each leg
 
+    @property
+    def mass(self) -> float:
+        """The whole robot's [kg]."""
+        leg = (self.abad, self.thigh, self.shank)
+        return self.trunk.mass + 4 * (sum(link.mass for link in leg) + self.foot_mass)
+
+    @property
+    def leg_length(self) -> float:
+        """Thigh and shank [m]."""
+        return self.thigh_length + self.shank_length
+
 
 def fit_robot(source: SourceRobot) -> FittedRobot:
     """Bring a source into the table's form.

@@ -22,8 +22,10 @@ _SOFT_ZONE = 0.08  # rad
 _DEFAULT_KNEE_BEND = 1.2  # rad
 _HEIGHT_SHARE = 0.92  # share of the standing height, to run at
 _GIVEN = "given at the import"
-_ACTION_SCALES = {"abad": 0.25, "hip": 0.5, "knee": 0.5}
-
+_ACTION_TORQUES = {"abad": 0.0665, "hip": 0.355, "knee": 0.355}
+"""What an action of one asks of a joint at rest, over weight times length of the leg [-], as on BP2. Training
+begins with noise on the action: where that asks for more, it throws robots over and saturates motors."""
+_GRAVITY = 9.81
 
 Rows = dict[str, ParameterRow]
 """Rows of a table by quantity."""
@@ -44,10 +46,9 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
     standing = fitted.thigh_length * math.cos(pose["hip"]) + fitted.foot_radius
     standing += fitted.shank_length * math.cos(pose["hip"] + pose["knee"])
     height = choices.base_height_target or _HEIGHT_SHARE * standing
-    legs = 4 * (fitted.abad.mass + fitted.thigh.mass + fitted.shank.mass + fitted.foot_mass)
     trunk = _link(fitted.trunk)
     del trunk["mass"]  # what the legs leave of the total
-    add("body", *given, total_mass=_rounded(fitted.trunk.mass + legs))
+    add("body", *given, total_mass=_rounded(fitted.mass))
     add("body", "chosen", f"standing height {standing:.3f} m", base_height_target=_rounded(height))
     add("body", "chosen", _GIVEN, bus_voltage=_rounded(choices.bus_voltage))
     sizes = {name: _rounded(getattr(fitted, name)) for name in ("hip_x", "hip_y")}
@@ -124,11 +125,17 @@ def _joint(
 ) -> Iterator[tuple[str, float, str]]:
     """Name, value and basis of what may be chosen for a joint."""
     stiffness = choice.stiffness or peak_joint_torque(choice, motors[joint]) / _STIFFNESS_ERROR
+    share = _ACTION_TORQUES[joint]
+    scale = share * fitted.mass * _GRAVITY * fitted.leg_length / stiffness
     for name, value, basis in (
         ("default_angle", pose[joint], "bent leg, foot under the hip"),
         ("stiffness", stiffness, "peak torque at 0.45 rad of error"),
         ("damping", _DAMPING_TIME * stiffness, "0.03 s of the stiffness"),
-        ("action_scale", _ACTION_SCALES[joint], "as for BP2"),
+        (
+            "action_scale",
+            float(f"{scale:.3g}"),
+            f"an action of one asks for {share:g} of weight times leg, as on BP2",
+        ),
         ("viscous_friction", fitted.viscous_friction[joint], source_name),
         ("dry_friction", fitted.dry_friction[joint], source_name),
     ):
