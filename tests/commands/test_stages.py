@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from sprintlab.commands import RangeGrowth, StageBlend, ranked_speeds
 
 
-def test_range_grows_while_the_fastest_are_near_its_top():
+def test_range_grows_while_the_fastest_twentieth_keep_up():
     growth = RangeGrowth()
-    growth.update(0.25, top=6.0)
+    growth.update(0.7, top=6.0)
     assert growth.upper == 1.0
-    growth.update(0.26, top=6.0)
+    growth.update(0.71, top=6.0)
     assert growth.upper == pytest.approx(1.1)
 
 

@@ -9,11 +9,14 @@ import pytest
 import torch
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.robots import load_robot
 from sprintlab.training.environment import rewards
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.reward_sum import RewardTerms, aggregate
 from sprintlab.training.environment.rewards import Loads, RewardInput
+from sprintlab.training.methods import method
 from sprintlab.training.reward_tables import default_rewards
+from sprintlab.training.scaling import leg_length
 from sprintlab.training.terms import RewardTerm, term
 
 TABLE = default_rewards()
@@ -70,6 +73,60 @@ def loaded(**loads: torch.Tensor) -> RewardInput:
 
 def row(*values: float) -> torch.Tensor:
     return torch.tensor([values], dtype=torch.float32)
+
+
+def moving(size: float, mass: float, foot_radius: float) -> RewardInput:
+    """A robot that moves in a random way; one of another size and mass, with equal Froude numbers, alike."""
+
+    def height(*values: float) -> torch.Tensor:
+        return foot_radius + size * (row(*values) - load_robot("bp2").foot_radius)
+
+    torch.manual_seed(0)
+    time = speed = size**0.5
+    step, jerk, joints = torch.randn(3, 1, 12)
+    body = {
+        "gravity": row(0.3, 0.4, -0.8), "angular_velocity": row(1, 2, 3) / time,
+        "velocity": speed * row(3, 0.5, -1), "height": size * torch.tensor([0.5]),
+        "joint_velocity": joints / time, "abduction": row(0.1, 0.2, 0.3, 0.5), "contact": row(1, 0, 0, 1),
+        "foot_height": height(0.04, 0.06, 0.1, 0.2), "foot_speed": speed * row(1, 2, 3, 4),
+        "foot_descent": speed * row(2, 3, 0, 0), "knee_height": height(0.09, 0.11, 0.2, 0.3),
+        "leg_distance": size * row(0.03, 0.12, 0.01, 0.2),
+    }  # fmt: skip
+    command = row(2, 0, 0) * row(speed, speed, 1 / time)
+    action = step / time
+    return still(**body)._replace(
+        command=command,
+        running_command=command,
+        target_speed=speed * torch.tensor([4.0]),
+        action=action,
+        earlier_action=jerk / time**2 - action,
+        joint_acceleration=joints / time**2,
+        torque=mass * size * joints,
+        limit_excess=0.1 * joints,
+        base_height_target=size * 0.45,
+        loads=NO_LOADS._replace(power=mass * speed * torch.tensor([900.0])),
+        running_speed=speed * torch.tensor([1.5]),
+        running_yaw_rate=torch.tensor([0.2]) / time,
+        running_side_speed=speed * torch.tensor([0.3]),
+        weight=mass * torch.tensor([400.0]),
+        no_load_speed=0.5 / time,
+    )
+
+
+@pytest.mark.parametrize(("preset", "name"), [("sprintlab", "acs"), ("paper", "acs"), ("sprintlab", "hound")])
+def test_a_small_robot_that_moves_alike_earns_alike(preset, name):
+    small, large = load_robot("go1"), load_robot("bp2")
+    inputs = (
+        moving(leg_length(small) / leg_length(large), small.total_mass / large.total_mass, small.foot_radius),
+        moving(1.0, 1.0, large.foot_radius),
+    )
+    settings = [method(name, robot=robot, preset=preset) for robot in ("go1", "bp2")]
+    for term_name in settings[0].reward:
+        weighed = [
+            value(each.reward[term_name], x) * torch.tensor(each.reward[term_name].weights)
+            for each, x in zip(settings, inputs, strict=True)
+        ]
+        torch.testing.assert_close(*weighed, rtol=1e-4, atol=1e-7, msg=term_name)
 
 
 def value(each: RewardTerm, inputs: RewardInput) -> float:

@@ -24,27 +24,27 @@ LOWEST = -2.0
 
 @dataclass(kw_only=True)
 class RangeGrowth:
-    """The range ``[lower, upper]`` of commanded speeds: grows while the fastest are near its top.
+    """The range ``[lower, upper]`` of commanded speeds: grows while the fastest twentieth keep up.
 
-    A rule that waits for a share of the environments to be fast stalls; one that looks at the fastest
-    0.1 % does not.
+    A rule that looks at fewer robots, say the fastest 0.1 %, counts those that tumble: the range is then open
+    before any robot walks, and small robots never learn to.
     """
 
     upper: float = 1.0  # top of the range now [m/s]
     increment: float = 0.1  # growth an iteration [m/s]
-    margin: float = 0.75  # grow while the fastest speed exceeds upper - margin [m/s]
+    share: float = 0.7  # grow while the fastest twentieth are faster than this share of the top [-]
 
     @property
     def lower(self) -> float:
         """Bottom of the range [m/s]."""
         return max(LOWEST, -max(1.0, self.upper / 3.0))
 
-    def update(self, fastest: float, top: float) -> None:
-        """Grow by one increment, at most to ``top``, if ``fastest`` [m/s] is near the top of the range.
+    def update(self, fast: float, top: float) -> None:
+        """Grow by one increment, at most to ``top``, if ``fast``, which a twentieth exceeds [m/s], keeps up.
 
         The range never shrinks, and a NaN speed does not grow it.
         """
-        if fastest > self.upper - self.margin:
+        if fast > self.share * self.upper:
             self.upper = max(self.upper, min(top, self.upper + self.increment))
 
 

@@ -20,7 +20,7 @@ def default_rewards() -> Rewards:
     constraints here, no rewards.
     """
     return {
-        "linear_tracking": term(rewards.linear_tracking, 1.0, tied=True),
+        "linear_tracking": term(rewards.linear_tracking, 1.0, tied=True, speed=1.0),
         "angular_tracking": term(rewards.angular_tracking, 0.5, tied=True, sharpness=1.0),
         "progress": term(rewards.progress, 1.5, tied=True, speed=10.0),
         "speed_held": term(rewards.speed_held, 4.0, speed=0.3, share=0.065, brake_lag=0.8),
@@ -34,14 +34,14 @@ def default_rewards() -> Rewards:
         "base_height": term(rewards.base_height, (-10.0, -20.0)),
         "joint_acceleration": term(rewards.joint_acceleration, (-2.5e-7, -3e-8)),
         "abduction": term(rewards.abduction, (-1.0, 0.0)),
-        "collision": term(rewards.collision, -1.0),
+        "collision": term(rewards.collision, -1.0, height=0.1),
         "foot_slip": term(rewards.foot_slip, (0.0, -0.01)),
         "yaw_rate": term(rewards.yaw_rate_error, (0.0, -0.5)),
         "foot_clearance": term(rewards.swing_clearance, (-0.2, 0.0), height=0.11),
         "abduction_mirror": term(rewards.abduction_mirror, (0.0, -0.5)),
         "grounded": term(rewards.grounded, (-0.03, 0.0)),
         "touchdown": term(rewards.touchdown, (0.0, -0.03), height=0.05),
-        "electrical_power": term(rewards.electrical_power, (-0.2, -0.5)),
+        "electrical_power": term(rewards.electrical_power, (-0.2, -0.5), speed=2.0),
         "hasty_touchdowns": term(rewards.hasty_touchdowns, (-2.0, -10.0)),
         "short_stances": term(rewards.short_stances, (-1.0, -6.0)),
         "motion_at_zero_command": term(rewards.motion_at_zero_command, (-0.5, -3.0)),
@@ -57,7 +57,7 @@ def paper_rewards() -> Rewards:
     """
     return {
         # Part A: constant weights
-        "linear_tracking": term(rewards.linear_tracking, 1.0),
+        "linear_tracking": term(rewards.linear_tracking, 1.0, speed=1.0),
         "angular_tracking": term(rewards.angular_tracking, 0.5, sharpness=1.0),
         "vertical_velocity": term(rewards.vertical_velocity, -2.0),
         "joint_power": term(rewards.joint_power, -1.0e-6),
@@ -70,7 +70,7 @@ def paper_rewards() -> Rewards:
         "base_height": term(rewards.base_height, (-10.0, -20.0)),
         "joint_acceleration": term(rewards.joint_acceleration, (-2.5e-7, -1.0e-7)),
         "abduction": term(rewards.abduction, (-1.0, 0.0)),
-        "collision": term(rewards.collision, (-1.0, 0.0)),
+        "collision": term(rewards.collision, (-1.0, 0.0), height=0.1),
         "foot_slip": term(rewards.foot_slip, (0.0, -0.01)),
         "yaw_rate": term(rewards.yaw_rate, (0.0, -0.5)),
         "foot_clearance": term(rewards.foot_clearance, (-0.2, 0.0), height=0.11),
@@ -87,11 +87,11 @@ def hound_rewards() -> Rewards:
     zero; how Hound adds its terms we could not read.
     """
     return {
-        "linear_tracking": term(rewards.linear_tracking, 1.0),
+        "linear_tracking": term(rewards.linear_tracking, 1.0, speed=1.0),
         "angular_tracking": term(rewards.angular_tracking, 0.5, sharpness=1.5),
         "vertical_velocity": term(rewards.vertical_velocity, -4.0 * 0.8 / 6.0),
         "joint_limit": term(rewards.joint_limit, -10.0),
-        "collision": term(rewards.collision, -1.0),
+        "collision": term(rewards.collision, -1.0, height=0.1),
         "foot_slip": term(rewards.foot_slip, -0.16 / 6.0),
         "touchdown": term(rewards.touchdown, -6.0 / 6.0, height=0.05),
         "over_speed": term(rewards.over_speed, -60.0 / 6.0),

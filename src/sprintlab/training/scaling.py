@@ -12,11 +12,22 @@ from typing import TypeVar
 
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.terms import Parameter, Term
+from sprintlab.training.terms import Parameter, RewardTerm, Term
 
 AnyTerm = TypeVar("AnyTerm", bound=Term)
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
+DIMENSIONS = {
+    "action_rate": (0, 0, -2), "smoothness": (0, 0, -4), "joint_acceleration": (0, 0, -4),
+    "roll_pitch_rate": (0, 0, -2), "tilt_rate": (0, 0, -1), "yaw_rate": (0, 0, -2),
+    "yaw_rate_error": (0, 0, -2),
+    "vertical_velocity": (0, 2, -2), "touchdown": (0, 2, -2), "foot_slip": (0, 1, -1), "grounded": (0, 1, -1),
+    "sideways_drift": (0, 1, -1), "base_height": (0, 2, 0), "foot_clearance": (0, 2, 0),
+    "swing_clearance": (0, 3, -1), "joint_power": (1, 2, -3), "torque": (2, 4, -4),
+}  # fmt: skip
+"""Powers of mass, length and time in what a penalty measures, by the name of its function; none where it is
+not here. Divided by them, a small robot's penalties weigh as much as those of a large one that moves alike:
+unscaled, the Go1 would pay twice as much for its joints' accelerations."""
 
 
 def leg_length(robot: RobotDescription) -> float:
@@ -37,7 +48,7 @@ def speed_scale(robot: RobotDescription) -> float:
 def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
     """``base``, which is for BP2, for ``robot``: lengths by leg length, speeds and times by Froude number.
 
-    The payload goes with the mass. For BP2 nothing changes.
+    The payload goes with the mass; weights of penalties as in ``DIMENSIONS``. For BP2 nothing changes.
     """
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
     length, speed, mass = length_scale(small), speed_scale(small), small.total_mass / large.total_mass
@@ -47,6 +58,7 @@ def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
         "speed": lambda value: speed * value,
         "brake_lag": lambda value: speed * value,
         "yaw_rates": lambda rate: rate / speed,
+        "sharpness": lambda value: speed**2 * value,
         "mass": lambda value: mass * value,
     }
     stages, margin = base.stages, base.stages.record_margin
@@ -57,7 +69,10 @@ def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
     return replace(
         base,
         robot=robot,
-        reward={name: _scaled_term(term, scales) for name, term in base.reward.items()},
+        reward={
+            name: _scaled_weight(_scaled_term(each, scales), mass, length)
+            for name, each in base.reward.items()
+        },
         randomization={name: _scaled_term(term, scales) for name, term in base.randomization.items()},
         constraints=constraints,
         stages=replace(
@@ -67,6 +82,15 @@ def scaled_settings(robot: str, base: TrainingSettings) -> TrainingSettings:
             record_margin=None if margin is None else speed * margin,
         ),
     )
+
+
+def _scaled_weight(term: RewardTerm, mass: float, length: float) -> RewardTerm:
+    """A term whose weight makes up for the size of what it measures; times go with the root of lengths."""
+    masses, lengths, times = DIMENSIONS.get(getattr(term.function, "__name__", ""), (0, 0, 0))
+    size = mass**masses * length ** (lengths + 0.5 * times)
+    first, second = term.weights
+    weight = (first / size, second / size) if isinstance(term.weight, tuple) else first / size
+    return replace(term, weight=weight)
 
 
 def _scaled_term(term: AnyTerm, scales: Mapping[str, Callable[[float], float]]) -> AnyTerm:

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
 
 STRAIGHT_ON = 0.1
 """Below this yaw rate a command asks for no turn [rad/s]."""
-POWER_SPEED = 2.0
-"""Added to the speed by which electrical power is divided [m/s], so that standing has a cost. With 0.5 m/s,
-and the power that action noise takes in training, walking on was cheaper than standing when asked to."""
-KNEE_CONTACT_HEIGHT = 0.10
-"""A knee axis lower than this counts as a collision [m]."""
 
 
 class Loads(NamedTuple):
@@ -62,9 +57,10 @@ class RewardInput(NamedTuple):
 # --- what is rewarded ------------------------------------------------------------------------------------
 
 
-def linear_tracking(x: RewardInput) -> torch.Tensor:
-    """``exp(-|v_xy - command|^2)``."""
-    return (-(x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)).exp()
+def linear_tracking(x: RewardInput, *, speed: float) -> torch.Tensor:
+    """``exp(-|v_xy - command|^2 / speed^2)``, ``speed`` in m/s."""
+    error = (x.command[:, :2] - x.body.velocity[:, :2]) / speed
+    return (-error.square().sum(1)).exp()
 
 
 def angular_tracking(x: RewardInput, *, sharpness: float) -> torch.Tensor:
@@ -168,9 +164,9 @@ def abduction(x: RewardInput) -> torch.Tensor:
     return x.body.abduction.square().sum(1)
 
 
-def collision(x: RewardInput) -> torch.Tensor:
-    """Knees near the ground."""
-    return (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1)
+def collision(x: RewardInput, *, height: float) -> torch.Tensor:
+    """Knees whose axes are lower than ``height`` [m]."""
+    return (x.body.knee_height < height).float().sum(1)
 
 
 def foot_slip(x: RewardInput) -> torch.Tensor:
@@ -230,12 +226,13 @@ def over_speed(x: RewardInput) -> torch.Tensor:
     return (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
 
 
-def electrical_power(x: RewardInput) -> torch.Tensor:
-    """Power drawn from the bus over weight times (speed + 2 m/s): about the cost of transport.
+def electrical_power(x: RewardInput, *, speed: float) -> torch.Tensor:
+    """Power drawn from the bus over weight times (own speed + ``speed`` [m/s]): about the cost of transport.
 
-    The paper's mechanical power misses the copper loss.
+    The paper's mechanical power misses the copper loss. ``speed`` gives standing a cost: with 0.5 m/s, and
+    the power that action noise takes in training, walking on was cheaper than standing when asked to.
     """
-    return x.loads.power / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
+    return x.loads.power / (x.weight * (x.body.velocity[:, 0].abs() + speed))
 
 
 def hasty_touchdowns(x: RewardInput) -> torch.Tensor:

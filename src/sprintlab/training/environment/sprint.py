@@ -166,8 +166,8 @@ class SprintEnvironment:
         sizes = self.observation.sensor_sizes
         self._noise = tensor([getattr(noise, name) for name in sizes for _ in range(sizes[name])])
         self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
-        pace = speed_scale(robot)
-        self.engine.shortest.copy_(tensor((pace * SHORTEST_STRIDE, pace * SHORTEST_STANCE)))
+        self._pace = speed_scale(robot)
+        self.engine.shortest.copy_(self._pace * tensor((SHORTEST_STRIDE, SHORTEST_STANCE)))
         self._knee_clearance = length_scale(robot) * KNEE_CLEARANCE
         self._joint_offset = self.fleet.joint_offset
         nothing = torch.zeros(self.num_envs, 3, device=self.device)
@@ -369,8 +369,8 @@ class SprintEnvironment:
         forward = body.velocity[:, 0]
         fast = (self.running_speed > FAST_SHARE * self.upper).float()[:, None]
         values = (
-            linear_tracking(inputs),
-            angular_tracking(inputs, sharpness=1.0),
+            linear_tracking(inputs, speed=self._pace),
+            angular_tracking(inputs, sharpness=self._pace**2),
             rate,
             forward,
             (inputs.command[:, 0] - forward).abs(),

@@ -38,9 +38,9 @@ def device_description(device: str) -> str:
 
 EQUAL_SPEED = 0.05
 """Held speeds that differ by less are equal, and the cost of transport decides [m/s]."""
-RANGE_GROWTH, GROWTH_MARGIN = 0.1, 1.0
-"""The range grows by so much an iteration while the fastest 0.1 % are within the margin of its top [m/s], for
-the robot that the settings are for; for others by ``scaling``."""
+RANGE_GROWTH = 0.1
+"""By which the range grows an iteration while robots keep up [m/s], for the robot that the settings are for;
+for others by ``scaling``."""
 GATED_TOP = 12.0
 """Beyond this speed the range opens only while feet and gears hold [m/s]; scaled likewise."""
 EARLIEST_STAGE_TWO, BLENDED_OVER = 250, 250
@@ -91,7 +91,7 @@ class Runner:
         self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
         pace = speed_scale(self.environment.robot)
-        self.growth = RangeGrowth(increment=pace * RANGE_GROWTH, margin=pace * GROWTH_MARGIN)
+        self.growth = RangeGrowth(increment=pace * RANGE_GROWTH)
         self._gated_top = pace * GATED_TOP
         self.blend = StageBlend(
             first_top=stages.first_top,
@@ -131,7 +131,7 @@ class Runner:
         if self.chances is not None:
             self.chances.update(statistics, moving=self.blend.weight >= 1.0)
         if self._may_open():
-            self.growth.update(statistics["speed_p999"], self.blend.top)
+            self.growth.update(statistics["speed_p95"], self.blend.top)
         self.blend.update(self.growth.upper)
         row = self._record(statistics, self._agreed(time.perf_counter() - started))
         self._average()
