@@ -128,7 +128,7 @@ SECTION = """## What a training on it is worth
 
 mjlab's own Go1 on flat ground, trained by mjlab's and rsl_rl's code on three actuators: {trainings} trainings
 of {steps} million steps. All begin with the networks of one training on `stock` that has learned to walk.
-The commands rise as long as the robots follow those that there are, to between {tops} m/s at the end. Each
+The commands rise while the robots follow the fastest that there are, to between {tops} m/s at the end. Each
 policy is judged on our plant, under the law that it was trained with and under the refined law of its motors.
 The table has the median of the seeds (least to most).
 

@@ -48,7 +48,8 @@ def test_numpy_and_torch_agree(name, motor, model, torch):
     actual = function(motor, torch.tensor(TORQUES), torch.tensor(SPEEDS), model)
     for one, other in zip(expected, actual, strict=True):
         assert isinstance(other, torch.Tensor)
-        np.testing.assert_allclose(other.numpy(), one, rtol=1e-9, atol=1e-9)
+        # Where flux weakening takes the root of a difference of nearly zero, half of the digits are lost.
+        np.testing.assert_allclose(other.numpy(), one, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

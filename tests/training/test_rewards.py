@@ -75,7 +75,7 @@ def row(*values: float) -> torch.Tensor:
     return torch.tensor([values], dtype=torch.float32)
 
 
-def moving(size: float, mass: float, foot_radius: float) -> RewardInput:
+def moving(size: float, mass: float, foot_radius: float, asked_for: float) -> RewardInput:
     """A robot that moves in a random way; one of another size and mass, with equal Froude numbers, alike."""
 
     def height(*values: float) -> torch.Tensor:
@@ -92,7 +92,7 @@ def moving(size: float, mass: float, foot_radius: float) -> RewardInput:
         "foot_descent": speed * row(2, 3, 0, 0), "knee_height": height(0.09, 0.11, 0.2, 0.3),
         "leg_distance": size * row(0.03, 0.12, 0.01, 0.2),
     }  # fmt: skip
-    command = row(2, 0, 0) * row(speed, speed, 1 / time)
+    command = speed * row(asked_for, 0, 0)
     action = step / time
     return still(**body)._replace(
         command=command,
@@ -104,8 +104,12 @@ def moving(size: float, mass: float, foot_radius: float) -> RewardInput:
         torque=mass * size * joints,
         limit_excess=0.1 * joints,
         base_height_target=size * 0.45,
-        loads=NO_LOADS._replace(power=mass * speed * torch.tensor([900.0])),
-        running_speed=speed * torch.tensor([1.5]),
+        loads=NO_LOADS._replace(
+            power=mass * speed * torch.tensor([900.0]),
+            hasty_touchdowns=row(0.1, 0.2, 0, 0) / time,
+            short_stances=row(0, 0.3, 0, 0) / time,
+        ),
+        running_speed=speed * torch.tensor([0.5]),
         running_yaw_rate=torch.tensor([0.2]) / time,
         running_side_speed=speed * torch.tensor([0.3]),
         weight=mass * torch.tensor([400.0]),
@@ -114,11 +118,13 @@ def moving(size: float, mass: float, foot_radius: float) -> RewardInput:
 
 
 @pytest.mark.parametrize(("preset", "name"), [("sprintlab", "acs"), ("paper", "acs"), ("sprintlab", "hound")])
-def test_a_small_robot_that_moves_alike_earns_alike(preset, name):
+@pytest.mark.parametrize("asked_for", [0.0, 2.0])
+def test_a_small_robot_that_moves_alike_earns_alike(preset, name, asked_for):
     small, large = load_robot("go1"), load_robot("bp2")
+    length, mass = leg_length(small) / leg_length(large), small.total_mass / large.total_mass
     inputs = (
-        moving(leg_length(small) / leg_length(large), small.total_mass / large.total_mass, small.foot_radius),
-        moving(1.0, 1.0, large.foot_radius),
+        moving(length, mass, small.foot_radius, asked_for),
+        moving(1.0, 1.0, large.foot_radius, asked_for),
     )
     settings = [method(name, robot=robot, preset=preset) for robot in ("go1", "bp2")]
     for term_name in settings[0].reward:

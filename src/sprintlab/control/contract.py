@@ -193,7 +193,7 @@ def layout_from_contract(observation: ObservationContract, joints: int) -> Obser
 def robot_section(robot: RobotDescription) -> dict[str, Any]:
     """The fields of a contract that a robot decides, in the order in which they are compared.
 
-    What an action of one means is the policy's own.
+    What an action of one means is the policy's own and not compared by itself; the fingerprint knows of it.
     """
     return {
         "robot_name": robot.name,

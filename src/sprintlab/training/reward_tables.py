@@ -44,7 +44,7 @@ def default_rewards() -> Rewards:
         "electrical_power": term(rewards.electrical_power, (-0.2, -0.5), speed=2.0),
         "hasty_touchdowns": term(rewards.hasty_touchdowns, (-2.0, -10.0)),
         "short_stances": term(rewards.short_stances, (-1.0, -6.0)),
-        "motion_at_zero_command": term(rewards.motion_at_zero_command, (-0.5, -3.0)),
+        "motion_at_zero_command": term(rewards.motion_at_zero_command, (-0.5, -3.0), speed=1.0),
         "sideways_drift": term(rewards.sideways_drift, (0.0, -2.0)),
     }
 

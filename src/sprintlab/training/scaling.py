@@ -24,10 +24,12 @@ DIMENSIONS = {
     "vertical_velocity": (0, 2, -2), "touchdown": (0, 2, -2), "foot_slip": (0, 1, -1), "grounded": (0, 1, -1),
     "sideways_drift": (0, 1, -1), "base_height": (0, 2, 0), "foot_clearance": (0, 2, 0),
     "swing_clearance": (0, 3, -1), "joint_power": (1, 2, -3), "torque": (2, 4, -4),
+    "hasty_touchdowns": (0, 0, -1), "short_stances": (0, 0, -1),  # each touchdown and stance costs once
 }  # fmt: skip
 """Powers of mass, length and time in what a penalty measures, by the name of its function; none where it is
 not here. Divided by them, a small robot's penalties weigh as much as those of a large one that moves alike:
-unscaled, the Go1 would pay twice as much for its joints' accelerations."""
+unscaled, the Go1 would pay twice as much for its joints' accelerations. Alike means with equal actions, which
+ask for equal shares of weight times leg."""
 
 
 def leg_length(robot: RobotDescription) -> float:

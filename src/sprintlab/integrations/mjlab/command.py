@@ -26,8 +26,8 @@ _NEVER = 1e9  # seconds until mjlab redraws by itself: the schedule keeps its ow
 class AdaptiveVelocityCommandCfg(CommandTermCfg):
     """Adaptive command scheduling: the commanded speed stays near the robot's, and moves toward a target.
 
-    With ``growth`` above 0 the top of the range rises by it whenever the fastest 0.1 % of the robots come
-    within ``growth_margin`` of it, looked at every ``growth_period``.
+    With ``growth`` above 0 the top of the range rises by it whenever a twentieth of the robots are faster
+    than ``growth_share`` of it, looked at every ``growth_period``.
     """
 
     entity_name: str = "robot"
@@ -44,8 +44,8 @@ class AdaptiveVelocityCommandCfg(CommandTermCfg):
     """Where the range stops to grow [m/s]."""
     growth: float = 0.0
     """Step by which the top rises [m/s]; 0 keeps the range."""
-    growth_margin: float = 0.75
-    """How near the fastest must come to the top [m/s]."""
+    growth_share: float = 0.7
+    """Share of the top that a twentieth of the robots must exceed [-]."""
     growth_period: float = 0.5
     """Time between two looks at the fastest [s]."""
     friction: float = 0.8
@@ -58,7 +58,7 @@ class AdaptiveVelocityCommandCfg(CommandTermCfg):
         check_range("upper", self.upper, self.lower, math.inf, "m/s")
         check_range("top", self.top, self.upper, math.inf, "m/s")
         check_range("growth", self.growth, 0.0, math.inf, "m/s")
-        for name in ("growth_margin", "growth_period", "friction"):
+        for name in ("growth_share", "growth_period", "friction"):
             check_positive(name, getattr(self, name))
 
     def build(self, env: Any) -> AdaptiveVelocityCommand:
@@ -124,6 +124,6 @@ class AdaptiveVelocityCommand(CommandTerm):
         if self.cfg.growth == 0.0 or self._since_growth < self.cfg.growth_period:
             return
         self._since_growth = 0.0
-        fastest = float(ranked_speeds(self.robot.data.root_link_lin_vel_b[:, 0], (0.999,))[0])
-        if fastest > self.upper - self.cfg.growth_margin:
+        fast = float(ranked_speeds(self.robot.data.root_link_lin_vel_b[:, 0], (0.95,))[0])
+        if fast > self.cfg.growth_share * self.upper:
             self.upper = min(self.cfg.top, self.upper + self.cfg.growth)

@@ -245,10 +245,12 @@ def short_stances(x: RewardInput) -> torch.Tensor:
     return x.loads.short_stances.sum(1)
 
 
-def motion_at_zero_command(x: RewardInput) -> torch.Tensor:
-    """Feet in the air and speed while the robot is asked to stand."""
+def motion_at_zero_command(x: RewardInput, *, speed: float) -> torch.Tensor:
+    """Feet in the air and speed, over ``speed`` [m/s] and at most one, while the robot is asked to stand."""
     asked_to_stand = (x.command.abs() < REST_COMMAND).all(1).float()
-    return asked_to_stand * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
+    return asked_to_stand * (
+        (1.0 - x.loads.stance).sum(1) + 2.0 * (x.running_speed.abs() / speed).clamp(max=1.0)
+    )
 
 
 def leg_distance(x: RewardInput, *, distance: float) -> torch.Tensor:

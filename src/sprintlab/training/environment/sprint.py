@@ -402,7 +402,8 @@ class SprintEnvironment:
         commands = self.commands
         speed_error = commands.target_speed - self.running_speed
         yaw_error = commands.command[:, 2] - self.running_yaw_rate
-        kernels = torch.stack((torch.exp(-speed_error.square()), torch.exp(-yaw_error.square())), 1)
+        shares = torch.stack((speed_error / self._pace, yaw_error * self._pace), 1)
+        kernels = torch.exp(-shares.square())
         self.tracked.add_(torch.cat((torch.nan_to_num(kernels), torch.ones_like(kernels[:, :1])), 1))
         left = (commands.time_to_target / POLICY_STEP - 1.0).clamp(min=0.0)
         return TargetOutcome(
