@@ -13,6 +13,7 @@ from sprintlab.commands import (
     AdaptiveSchedule,
     CommandStep,
     FixedAccelerationSchedule,
+    RangeGrowth,
     UniformSchedule,
     initial_state,
     ranked_speeds,
@@ -74,8 +75,8 @@ class AdaptiveVelocityCommand(CommandTerm):
     def __init__(self, cfg: AdaptiveVelocityCommandCfg, env: Any) -> None:
         super().__init__(cfg, env)
         self.robot = env.scene[cfg.entity_name]
-        self.upper = cfg.upper
-        """Top of the speed range now [m/s]; part of a curriculum's state, so keep it with checkpoints."""
+        self.range = RangeGrowth(upper=cfg.upper, increment=cfg.growth, share=cfg.growth_share)
+        """The speed range now; part of a curriculum's state, so keep its ``upper`` [m/s] with checkpoints."""
         self._state = initial_state(self.num_envs, torch.zeros((), device=self.device))
         self._reset_mask = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         self._since_growth = 0.0
@@ -103,7 +104,7 @@ class AdaptiveVelocityCommand(CommandTerm):
             speed=self.robot.data.root_link_lin_vel_b[:, 0],
             dt=self._env.step_dt if env_ids is None else 0.0,
             lower=self.cfg.lower,
-            upper=self.upper,
+            upper=self.range.upper,
             friction=self.cfg.friction,
             reset_mask=self._reset_mask,
             random=torch.rand(self.num_envs, 8, device=self.device),
@@ -125,5 +126,4 @@ class AdaptiveVelocityCommand(CommandTerm):
             return
         self._since_growth = 0.0
         fast = float(ranked_speeds(self.robot.data.root_link_lin_vel_b[:, 0], (0.95,))[0])
-        if fast > self.cfg.growth_share * self.upper:
-            self.upper = min(self.cfg.top, self.upper + self.cfg.growth)
+        self.range.update(fast, self.cfg.top)
