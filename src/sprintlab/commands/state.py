@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sprintlab.control.arrays import Array, clip, filled, namespace
-
-GRAVITY = 9.81
-"""Standard gravity, rounded as in the paper [m/s^2]."""
+from sprintlab.core.constants import GRAVITY
 
 
 class CommandState(NamedTuple):

@@ -7,7 +7,7 @@ import ctypes
 import numpy as np
 import torch
 
-from sprintlab.commands.state import GRAVITY
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.errors import SimulationError
 from sprintlab.engine.cpu import CpuKernel
 from sprintlab.engine.cuda import CudaKernel

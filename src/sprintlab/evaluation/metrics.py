@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.commands.state import GRAVITY
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.constants import GRAVITY
 from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
 from sprintlab.motors import WindingHeat, copper_loss, no_load_speed, resistance_factor, saturate, warmed

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.commands.state import GRAVITY
 from sprintlab.core.checks import check_range
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.sweep import Case, Progress, Run, run_cases

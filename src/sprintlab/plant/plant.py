@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import (
     DriveOutput,

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sprintlab.core.constants import GRAVITY
 from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
-from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
+from sprintlab.speed_limit.leg import FloatArray, PlanarLink
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
 from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
 from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate

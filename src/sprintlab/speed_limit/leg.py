@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.constants import GRAVITY
 from sprintlab.robots import RobotDescription
 from sprintlab.robots.model import shank_with_foot
-
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, kw_only=True)

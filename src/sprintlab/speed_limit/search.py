@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sprintlab.core.checks import check_range
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.errors import SimulationError
-from sprintlab.speed_limit.leg import GRAVITY, FloatArray
+from sprintlab.speed_limit.leg import FloatArray
 from sprintlab.speed_limit.runner import Runner
 from sprintlab.speed_limit.stride import (
     GROUPS,

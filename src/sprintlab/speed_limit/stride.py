@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sprintlab.core.constants import GRAVITY
 from sprintlab.speed_limit.leg import (
-    GRAVITY,
     FloatArray,
     PlanarLeg,
     contact_jacobian,

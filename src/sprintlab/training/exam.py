@@ -15,8 +15,8 @@ import numpy as np
 import torch
 
 from sprintlab.commands import heading_angle, heading_command
-from sprintlab.commands.state import GRAVITY
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.constants import GRAVITY
 from sprintlab.plant import NOMINAL_TRIAL
 from sprintlab.training.environment.constraints import (
     FORCE_LIMIT,

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from sprintlab.core.constants import GRAVITY
 from sprintlab.deployment.messages import FloatArray
 from sprintlab.robots import RobotDescription, leg_signs
 
-_GRAVITY = 9.81  # m/s^2
 _STOP_RESERVE = 0.1  # rad kept between a folded joint and its end stop
 _WEIGHT_FIRST = 10.0  # carrying the weight counts for more than carrying it level
 
@@ -31,7 +31,7 @@ class Legs:
         self._offset = mechanics.abad_offset * side
         self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros_like(side)), axis=1)
         self._bend = np.sign(robot.default_pose[self._joints[:, 2]])
-        self._weight = _GRAVITY * robot.total_mass
+        self._weight = GRAVITY * robot.total_mass
         folded = folded_pose(robot)[self._joints[:, 2]]
         # Least distance of each foot from its hip in that plane [m] ``(legs,)``
         self.shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))

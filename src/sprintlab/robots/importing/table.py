@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.errors import printable
 from sprintlab.motors import Gear, PmsmParameters, joint_torque, saturate
 from sprintlab.motors.parameters import MOTOR_UNITS
@@ -25,7 +26,6 @@ _GIVEN = "given at the import"
 _ACTION_TORQUES = {"abad": 0.0665, "hip": 0.355, "knee": 0.355}
 """What an action of one asks of a joint at rest, over weight times length of the leg [-], as on BP2. Training
 begins with noise on the action: where that asks for more, it throws robots over and saturates motors."""
-_GRAVITY = 9.81
 
 Rows = dict[str, ParameterRow]
 """Rows of a table by quantity."""
@@ -126,7 +126,7 @@ def _joint(
     """Name, value and basis of what may be chosen for a joint."""
     stiffness = choice.stiffness or peak_joint_torque(choice, motors[joint]) / _STIFFNESS_ERROR
     share = _ACTION_TORQUES[joint]
-    scale = share * fitted.mass * _GRAVITY * fitted.leg_length / stiffness
+    scale = share * fitted.mass * GRAVITY * fitted.leg_length / stiffness
     for name, value, basis in (
         ("default_angle", pose[joint], "bent leg, foot under the hip"),
         ("stiffness", stiffness, "peak torque at 0.45 rad of error"),

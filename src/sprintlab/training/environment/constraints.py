@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from sprintlab.commands.state import GRAVITY
+from sprintlab.core.constants import GRAVITY
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots.foot import NOMINAL_FOOT
 from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, ConstraintSettings

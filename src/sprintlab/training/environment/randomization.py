@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sprintlab.commands.state import GRAVITY
+from sprintlab.core.constants import GRAVITY
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 from sprintlab.training.terms import RandomizationTerm, drawn
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from sprintlab.commands.state import GRAVITY
 from sprintlab.control.standing import REST_COMMAND
+from sprintlab.core.constants import GRAVITY
 
 if TYPE_CHECKING:
     import torch
