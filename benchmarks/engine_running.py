@@ -17,8 +17,8 @@ import numpy as np
 import torch
 
 from sprintlab.commands import SpeedProfile, heading_command
-from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policies
+from sprintlab.core.constants import GRAVITY
 from sprintlab.engine import Engine, EngineOptions
 from sprintlab.evaluation.metrics import stride_frequency
 from sprintlab.evaluation.trial import TrialRequest, run_trial

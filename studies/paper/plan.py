@@ -22,8 +22,8 @@ SEEDS, SEEDS_OF_OTHERS, MOST_SEEDS = 10, 5, 20
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
 OTHERS = ("rlvrl", "lp-acrl", "hound")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""
-ITERATIONS, ENVIRONMENTS = 1400, 16384
-"""Length and size of every training, the same however many share a GPU: three minutes where three do."""
+ITERATIONS, ENVIRONMENTS = 2400, 4096
+"""Length and size of every training, the same however many share a GPU."""
 SPARE_SECONDS = 30.0
 """Before the end of the budget, at which trainings are told to save and end [s]."""
 

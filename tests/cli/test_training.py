@@ -40,7 +40,7 @@ def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     folder = tmp_path / "acs" / "seed-0"
     folder.mkdir(parents=True)
     (folder / "policy.onnx").write_text("trained")
-    row = {"iteration": 9, "seconds": 60.0, "speed_p999": 3.25, "falls": 0.002}
+    row = {"iteration": 9, "seconds": 60.0, "speed_p95": 3.25, "falls": 0.002}
     (folder / "log.jsonl").write_text(json.dumps(row) + "\n")
     options = (tmp_path, "--methods", "acs", "--seeds", 1)
     assert listed(call, *options)[0]["done"] is True

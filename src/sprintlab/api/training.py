@@ -26,7 +26,7 @@ from sprintlab.training.settings_text import read_settings, settings_toml, to_pl
 
 _SHOWN = {
     "iterations": "iterations", "seconds": "training_time_s", "speed_median": "speed, median_m_s",
-    "speed_p999": "speed, fastest 0.1 %_m_s", "range_upper": "commands_up_to_m_s",
+    "speed_p95": "speed, fastest 5 %_m_s", "range_upper": "commands_up_to_m_s",
     "reward": "reward_per_second", "falls": "falls_per_robot_and_step",
 }  # fmt: skip
 """What is shown of a run's last iteration, by its names in the log."""
@@ -118,9 +118,9 @@ def train(
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
             uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, hound.
         seed: seed of every random generator; that of the settings, or 0, when left out.
-        minutes: training time over all sessions [min]; 7 on a GPU and 60 on a CPU without it and iterations.
-        iterations: stop at this iteration of the run; at most 30,000.
-        environments: robots side by side; 32768 on a GPU and 2048 on a CPU when left out.
+        minutes: training time over all sessions [min]; with neither this nor iterations, 60 on a CPU.
+        iterations: stop at this iteration of the run, at most 30,000; with neither, 3600 on a GPU.
+        environments: robots side by side; 8192 on a GPU and 2048 on a CPU when left out.
         set: a setting that differs from the default, e.g. ppo.steps=16; --dry-run lists all.
         settings: TOML file of the settings that differ, such as the run.toml of another run.
         output: folder of the run: checkpoint, log, run.toml and, at its end, policy.onnx.
@@ -288,7 +288,7 @@ def sweep(
             {**each, "state": states[run.name], "last": run.last_row()}
             for each, run in zip(told, runs, strict=True)
         ]
-        columns = {"iteration": "iteration", "speed_p999_m_s": "speed_p999", "falls": "falls"}
+        columns = {"iteration": "iteration", "speed_p95_m_s": "speed_p95", "falls": "falls"}
         rows = [
             {"run": row["run"], "state": row["state"],
              **{name: row["last"].get(key) for name, key in columns.items()}} for row in numbers

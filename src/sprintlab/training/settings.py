@@ -60,7 +60,7 @@ CONSTRAINTS = ("foot", "gear", "legs", "joint_speed", "end_stop")
 class SimulationSettings:
     """Physics in training."""
 
-    environments: int = 32768  # robots that are simulated side by side
+    environments: int = 8192  # robots that are simulated side by side
     heat: WindingHeat | None = None  # thermal model of the windings; None, as in the paper: they stay cold
     saturation: bool = True  # whether the motors saturate; off, torque stays proportional to current
 

@@ -84,7 +84,7 @@ _LOGGED = (
     "tilt", "vertical_speed", "broken", "electrical_power",
     "ended_share", *(f"fast/{phase}" for phase in PHASES), *(f"broken/{name}" for name in WATCHED),
 )  # fmt: skip
-_PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
+_PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95}
 
 
 ENGINE_STATE = (

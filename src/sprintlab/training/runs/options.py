@@ -12,7 +12,7 @@ from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, Progress, read_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
-GPU_MINUTES, CPU_MINUTES = 7.0, 60.0
+GPU_ITERATIONS, CPU_MINUTES = 3600, 60.0
 """Length of a run that says neither minutes nor iterations."""
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
@@ -80,12 +80,12 @@ class TrainOptions:
 
     def length(self, resumed: bool) -> RunLength | None:
         """When the run ends; None: a resumed run for which neither is given keeps its length."""
-        minutes = self.minutes
-        if minutes is None and self.iterations is None:
+        minutes, iterations = self.minutes, self.iterations
+        if minutes is None and iterations is None:
             if resumed:
                 return None
-            minutes = CPU_MINUTES if self.on_cpu else GPU_MINUTES
-        return RunLength(iterations=self.iterations, seconds=None if minutes is None else 60.0 * minutes)
+            minutes, iterations = (CPU_MINUTES, None) if self.on_cpu else (None, GPU_ITERATIONS)
+        return RunLength(iterations=iterations, seconds=None if minutes is None else 60.0 * minutes)
 
     def full_settings(self) -> TrainingSettings:
         """The settings at the size that this session trains."""
