@@ -28,7 +28,7 @@ from sprintlab.evaluation.second_engine import engine_requests, mark, speed_chan
 from sprintlab.plant import ENGINES, check_engine
 from sprintlab.robots import load_robot
 
-TOP_SPEEDS = {"sprint": 13.0, "go1-sprint": 7.0, "go2-sprint": 6.0}
+TOP_SPEEDS = {"sprint": 13.0, "go1-sprint": 6.5, "go2-sprint": 5.0}
 OTHER_TOP_SPEED = 10.0
 RESULT = Path("results/second_engine/speeds.json")
 

@@ -6,7 +6,7 @@ A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. `
 is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
 ``seeds.json`` exists (``tools/judge_seeds.py`` writes it), the tables say median, worst and best seed.
 The default policy also has ``fastest.json``, a race at a higher command that passes the audit, too,
-``lap.json`` (``sprintlab lap sprint --top-speed 9 --json``),
+``lap.json`` (``sprintlab lap sprint --top-speed 8 --json``),
 ``lap-battery.json`` (the same with ``--battery --heat``), ``ground.json``
 (``sprintlab ground sprint --top-speed 10 --json``) and
 ``turning.json`` (``sprintlab turning sprint --json``). Battery, Drake and randomized speeds make one figure;

@@ -191,14 +191,12 @@ def layout_from_contract(observation: ObservationContract, joints: int) -> Obser
 
 
 def robot_section(robot: RobotDescription) -> dict[str, Any]:
-    """The fields of a contract that a robot decides, in the order in which they are compared.
-
-    What an action of one means is the policy's own and not compared by itself; the fingerprint knows of it.
-    """
+    """The fields of a contract that a robot decides, in the order in which they are compared."""
     return {
         "robot_name": robot.name,
         "joint_names": tuple(robot.joint_names),
         "default_pose": _vector(robot.default_pose),
+        "action_scale": _vector(robot.action_scale),
         "stiffness": _vector(robot.stiffness),
         "damping": _vector(robot.damping),
         "motors": _motor_table(robot),
@@ -222,7 +220,6 @@ def make_contract(
     """
     return PolicyContract(
         **robot_section(robot),
-        action_scale=_vector(robot.action_scale),
         action_limit=ACTION_LIMIT,
         observation=observation_contract(layout.for_joints(len(robot.joint_names))),
         filters=FilterContract(
