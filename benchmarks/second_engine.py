@@ -28,9 +28,16 @@ from sprintlab.evaluation.second_engine import engine_requests, mark, speed_chan
 from sprintlab.plant import ENGINES, check_engine
 from sprintlab.robots import load_robot
 
-TOP_SPEEDS = {"sprint": 13.0, "go1-sprint": 6.5, "go2-sprint": 5.0}
 OTHER_TOP_SPEED = 10.0
 RESULT = Path("results/second_engine/speeds.json")
+
+
+def headline_speed(policy: str) -> float:
+    """Command [m/s] at which a policy's race is published."""
+    path = Path("results") / policy / "result.json"
+    if not path.is_file():
+        return OTHER_TOP_SPEED
+    return float(json.loads(path.read_text(encoding="utf-8"))["top_speed_command_m_s"])
 
 
 def run_in(pool: TrialPool, speed: float, settings: ProtocolSettings, engine: str) -> EngineResult:
@@ -45,7 +52,7 @@ def run_in(pool: TrialPool, speed: float, settings: ProtocolSettings, engine: st
 def measure(path: Path, settings: ProtocolSettings, chosen: argparse.Namespace) -> dict[str, Any]:
     """One policy in both engines."""
     robot, name = load_robot(load_policy(path).contract.robot_name), path.stem
-    speed = chosen.top_speed or TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
+    speed = chosen.top_speed or headline_speed(name)
     with TrialPool(path, robot, workers=chosen.workers) as pool:
         runs = {engine: run_in(pool, speed, settings, engine) for engine in ENGINES}
     first, second = (runs[engine] for engine in ENGINES)

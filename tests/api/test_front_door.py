@@ -67,18 +67,18 @@ def test_policies_are_found_by_name_and_no_file_hides_them(tmp_path, monkeypatch
 @pytest.mark.usefixtures("short_trials", "blank_pictures")  # tests/cli/test_race.py draws a report's
 def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    go1_race = sl.race("go1-sprint", top_speed=1.5, distance=2.0, trials=1, workers=1)
-    numbers = go1_race.to_dict()
-    assert numbers["robot"] == "go1" and numbers["trials"] == 1 and not list(tmp_path.iterdir())
-    assert numbers["held_speed_m_s"] == pytest.approx(1.5, abs=1.0)  # so short a trial ends as it overshoots
-    assert f"{numbers['held_speed_m_s']:.2f}" in str(go1_race) and "audit" in repr(go1_race)
-    assert go1_race.plot("gait")._repr_png_().startswith(b"\x89PNG")
+    go2_race = sl.race("go2-sprint", top_speed=2.0, distance=2.0, trials=1, workers=1)
+    numbers = go2_race.to_dict()
+    assert numbers["robot"] == "go2" and numbers["trials"] == 1 and not list(tmp_path.iterdir())
+    assert numbers["held_speed_m_s"] == pytest.approx(2.0, abs=0.3)
+    assert f"{numbers['held_speed_m_s']:.2f}" in str(go2_race) and "audit" in repr(go2_race)
+    assert go2_race.plot("gait")._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(InvalidValueError, match="torque_speed"):
-        go1_race.plot("gate")
-    page = go1_race.report("mine")
+        go2_race.plot("gate")
+    page = go2_race.report("mine")
     assert page == Path("mine/report.html") and page.is_file() and Path("mine/replay.html").is_file()
     with pytest.raises(SprintlabError, match="exists already"):
-        go1_race.report("mine")
+        go2_race.report("mine")
 
 
 @pytest.mark.slow
