@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     for name in ("train", "one"):
         part = commands.add_parser(name)
         part.add_argument("--iterations", type=int, default=ITERATIONS)
-        part.add_argument("--environments", type=int, default=4096)
+        part.add_argument("--environments", type=int, default=2048)
         if name == "one":
             part.add_argument("--folder", type=Path)
             part.add_argument("--actuator", choices=ACTUATORS)

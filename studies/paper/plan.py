@@ -56,13 +56,15 @@ class Training:
 
 
 def study_trainings(runs: Runs) -> list[Training]:
-    """Every training, seed by seed, so that a plan that is cut short has compared all methods.
+    """Every training: the six methods with one reward table, then with the other, then other papers' methods.
 
-    A pair of methods that its seeds leave open gets more of them, up to twenty.
+    Each part goes seed by seed, so that a plan that is cut short has compared all its methods. A pair of
+    methods that its seeds leave open gets more of them, up to twenty.
     """
-    wanted = {(preset, method): SEEDS for preset in PRESETS for method in PAPER_TABLE}
-    wanted |= {("sprintlab", NO_SATURATION): SEEDS, ("paper", LITERAL_ACS): SEEDS_OF_OTHERS}
-    wanted |= {("sprintlab", method): SEEDS_OF_OTHERS for method in OTHERS}
+    wanted = {(PRESETS[0], method): SEEDS for method in (*PAPER_TABLE, NO_SATURATION)}
+    wanted |= {(PRESETS[1], method): SEEDS for method in PAPER_TABLE}
+    others = {(PRESETS[1], LITERAL_ACS), *((PRESETS[0], method) for method in OTHERS)}
+    wanted |= dict.fromkeys(sorted(others), SEEDS_OF_OTHERS)
     for preset in PRESETS:
         for claim in CLAIMS:
             pair = [(preset, REFERENCE_METHOD), (preset, claim.other)]
@@ -71,12 +73,14 @@ def study_trainings(runs: Runs) -> list[Training]:
                 and judge(runs, claim, preset).said == OPEN
             ):
                 wanted |= dict.fromkeys(pair, MOST_SEEDS)
-    return [
+    planned = [
         Training(preset=preset, method=method, seed=seed)
         for seed in range(MOST_SEEDS)
         for (preset, method), seeds in wanted.items()
         if seed < seeds and method in ALL_METHODS
     ]
+    part = {each: ((each.preset, each.method) in others, PRESETS.index(each.preset)) for each in planned}
+    return sorted(planned, key=part.__getitem__)
 
 
 def missing_trainings(results: Path) -> tuple[list[Training], int]:
