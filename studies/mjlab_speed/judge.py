@@ -8,22 +8,25 @@ import multiprocessing
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from sprintlab.control import PolicyRuntime, load_policy, shipped_policy
 from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.rollout_audit import audit_rollout
 from sprintlab.evaluation.rollouts import Rollout
 from sprintlab.motors import DriveOutput
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, load_robot, match_joints, robot_motors
-from studies.mjlab_speed.train import NO_LOAD_SPEED, STALL_TORQUE
+from studies.mjlab_speed.train import ACTUATORS, NO_LOAD_SPEED, STALL_TORQUE
 
 COMMANDS = tuple(np.arange(1.0, 6.01, 0.5))
 RISE, HOLD, JUDGED = 2.0, 5.0, 2.0  # [m/s^2], [s], the hold's last [s]
+SHIPPED, SHIPPED_COMMANDS, SHIPPED_RESULT = "go1-sprint", (4.0, 5.0, 6.0, 7.0, 8.0), "shipped.json"
 FACTS = ("actuator", "seed", "environments", "iterations", "top")
 POLICY_STEPS = 20  # motor steps of 1 ms in one decision
 HEADING_GAIN, LARGEST_YAW_RATE = 0.5, 0.7  # as in mjlab's heading commands [1/s], [rad/s]
@@ -114,20 +117,43 @@ class Trial(NamedTuple):
     """Share of the wanted torque, over time and joints, that the drive does not give [-]."""
 
 
-def hold(policy: Policy, law: str, command: float, seed: int, hold_time: float = HOLD) -> Trial:
+Controller = Callable[[Plant, FloatArray], FloatArray]
+"""From the plant and the command (forward, sideways [m/s], yaw rate [rad/s]) to joint targets [rad]."""
+
+
+def mjlabs_controller(policy: Policy, robot: RobotDescription) -> Controller:
+    """A policy of mjlab's task, from its first step."""
+    places, action = match_joints(policy.joint_names, robot.joint_names), np.zeros(12)
+
+    def decide(plant: Plant, command: FloatArray) -> FloatArray:
+        action[:] = policy.action(observation(plant, policy, places, action, command))
+        targets = np.empty(12)
+        targets[places] = policy.home + policy.scale * action
+        return targets
+
+    return decide
+
+
+def shipped_controller(robot: RobotDescription) -> Controller:
+    """``go1-sprint``, which comes with the package."""
+    runtime = PolicyRuntime(load_policy(shipped_policy(SHIPPED)), robot)
+    runtime.reset()
+    return lambda plant, command: np.asarray(runtime.step(plant.measurement(), command), dtype=float)
+
+
+def hold(
+    robot: RobotDescription, decide: Controller, law: str, command: float, seed: int, hold_time: float = HOLD
+) -> Trial:
     """Rise to a commanded speed and hold it, on our plant, under the law of a training or ``refined``."""
-    robot = mjlabs_go1(policy)
     plant = Plant(robot, PlantOptions(), TrialSettings(seed=seed, joint_noise=0.05))
     if (drive := promised_law(law)) is not None:
         plant.use_drive(drive)
-    places = match_joints(policy.joint_names, robot.joint_names)
-    action, samples, speeds = np.zeros(12), [], []
+    samples, speeds = [], []
     begin = 1.0 + command / RISE
     while plant.time < begin + hold_time and not plant.fall_reason:
         asked = min(command, max(0.0, plant.time - 1.0) * RISE)
-        action = policy.action(observation(plant, policy, places, action, asked))
-        targets = np.empty(12)
-        targets[places] = policy.home + policy.scale * action
+        yaw = np.clip(-HEADING_GAIN * plant.base_state().heading, -LARGEST_YAW_RATE, LARGEST_YAW_RATE)
+        targets = decide(plant, np.array([asked, 0.0, yaw]))
         for _ in range(POLICY_STEPS):
             position, velocity = plant.joint_state()
             position, velocity = position.copy(), velocity.copy()
@@ -154,14 +180,13 @@ def hold(policy: Policy, law: str, command: float, seed: int, hold_time: float =
 
 
 def observation(
-    plant: Plant, policy: Policy, places: Sequence[int], action: FloatArray, command: float
+    plant: Plant, policy: Policy, places: Sequence[int], action: FloatArray, command: FloatArray
 ) -> FloatArray:
     """mjlab's 48 numbers: velocity of the IMU, rates, gravity, joints, last action, command."""
     seen = plant.measurement()
     turned = np.empty(9)
     mujoco.mju_quat2Mat(turned, plant.data.qpos[3:7])
     velocity = turned.reshape(3, 3).T @ plant.data.qvel[:3] + np.cross(seen.angular_velocity, IMU)
-    yaw = np.clip(-HEADING_GAIN * plant.base_state().heading, -LARGEST_YAW_RATE, LARGEST_YAW_RATE)
     return np.concatenate(
         [
             velocity,
@@ -170,7 +195,7 @@ def observation(
             seen.joint_position[places] - policy.home,
             seen.joint_velocity[places],
             action,
-            [command, 0.0, yaw],
+            command,
         ]
     )
 
@@ -184,30 +209,50 @@ def judge_all(results: Path, commands: Sequence[float], trials: int, jobs: int) 
     ]
     with multiprocessing.get_context("spawn").Pool(min(jobs, len(left) or 1)) as pool:
         pool.starmap(judge, [(path, commands, range(1, trials + 1)) for path in left])
+    if not (shipped := results / SHIPPED_RESULT).exists():
+        judge_shipped(shipped)
 
 
 def judge(path: Path, commands: Sequence[float], seeds: Sequence[int]) -> None:
     """All trials of one policy under its own law and under the refined one."""
-    policy, motors = load(path), robot_motors("go1")
-    law = policy.facts["actuator"]
-    found: dict[str, Any] = {**policy.facts, "trials": []}
-    for under in dict.fromkeys((law, "refined")):
-        for command, trial_seed in itertools.product(commands, seeds):
-            one = hold(policy, under, float(command), trial_seed)
-            verdict = audit_rollout(one.rollout, motors)
-            found["trials"].append(
-                {
-                    "law": under,
-                    "command": float(command),
-                    "speed": round(one.speed, 3),
-                    "fell": one.fell,
-                    "unmet": round(one.unmet, 4),
-                    "impossible": round(verdict.impossible, 4),
-                }
-            )
-    found["promised"], found["delivered"] = reached(found["trials"], law), reached(found["trials"], "refined")
+    policy = load(path)
+    robot, law = mjlabs_go1(policy), policy.facts["actuator"]
+    trials = run_trials(robot, partial(mjlabs_controller, policy, robot), (law, "refined"), commands, seeds)
+    found: dict[str, Any] = {**policy.facts, "trials": trials}
+    found["promised"], found["delivered"] = reached(trials, law), reached(trials, "refined")
     path.with_name("result.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(f"{path.parent.name}: promised {found['promised']}, delivered {found['delivered']}", flush=True)
+
+
+def judge_shipped(path: Path) -> None:
+    """The package's own Go1 policy under all three laws, at speeds that mjlab's task does not reach."""
+    robot = load_robot("go1")
+    trials = run_trials(robot, partial(shipped_controller, robot), ACTUATORS, SHIPPED_COMMANDS, (1,))
+    path.write_text(json.dumps(trials, indent=1) + "\n", encoding="utf-8")
+
+
+def run_trials(
+    robot: RobotDescription,
+    begin: Callable[[], Controller],
+    laws: Sequence[str],
+    commands: Sequence[float],
+    seeds: Sequence[int],
+) -> list[dict[str, Any]]:
+    """What each trial came to, by law, command and seed."""
+    motors, trials = robot_motors("go1"), []
+    for law, command, seed in itertools.product(dict.fromkeys(laws), commands, seeds):
+        one = hold(robot, begin(), law, float(command), seed)
+        trials.append(
+            {
+                "law": law,
+                "command": float(command),
+                "speed": round(one.speed, 3),
+                "fell": one.fell,
+                "unmet": round(one.unmet, 4),
+                "impossible": round(audit_rollout(one.rollout, motors).impossible, 4),
+            }
+        )
+    return trials
 
 
 def reached(trials: Sequence[dict[str, Any]], law: str) -> dict[str, float]:

@@ -84,7 +84,7 @@ def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
         for name, term in env.cfg.observations["actor"].terms.items()
         if name not in ("actions", "command", "joint_pos")
     }
-    seen = study.observation(plant, policy, places, np.zeros(12), 0.0)
+    seen = study.observation(plant, policy, places, np.zeros(12), np.zeros(3))
     motion = [expected[name] for name in ("base_lin_vel", "base_ang_vel", "projected_gravity")]
     wanted = np.concatenate([*motion, joints - policy.home, expected["joint_vel"]])
     assert seen[:33] == pytest.approx(wanted, abs=1e-4)
