@@ -9,7 +9,8 @@ with the networks of one that has learned to walk on mjlab's own actuators. The 
 - ``refined``: the motor law of this package (``PmsmActuatorCfg``).
 
 Every policy is then judged on one plant, MuJoCo C with the motors of our Go1: under the law that it was
-trained with (what was promised) and under the refined law (what its motors give).
+trained with (what was promised) and under the refined law (what its motors give). So is the package's own
+``go1-sprint``, which runs faster than mjlab's task: it shows from which speed the law matters.
 
     python -m studies.mjlab_speed train --output results/mjlab-speed   # again until it prints "left: nothing"
     python -m studies.mjlab_speed judge results/mjlab-speed            # needs no GPU

@@ -27,7 +27,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     Attributes:
         speed: v* [m/s].
-        trials: how many ran; no more than decide that too many fall.
+        trials: how many ran; up to the first fall, which decides.
         upright: how many did not fall from start to end.
         completed: how many did not fall and were at rest in the last second.
         held: mean speed over the last 2 s of the hold, of the upright trials [m/s].
@@ -39,9 +39,9 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     completed: int
     held: float | None
 
-    def share_kept(self, count: int) -> bool:
-        """Whether nine of ten trials are in ``count``."""
-        return self.trials > 0 and count >= 0.9 * self.trials
+    def all_kept(self, count: int) -> bool:
+        """Whether every trial is in ``count``."""
+        return count == self.trials > 0
 
 
 class Fastest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -90,20 +90,20 @@ class Run(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     fastest: Fastest | None
 
     def running(self, place: str = NOMINAL) -> float:
-        """Most speed held at a command at which nine of ten trials stay upright [m/s]; 0 without one.
+        """Most speed held at a command at which every trial stays upright [m/s]; 0 without one.
 
         ``nan`` where the policy did not run there.
         """
         commands = self.places.get(place)
         if commands is None:
             return math.nan
-        return max((_held(each) for each in commands if each.share_kept(each.upright)), default=0.0)
+        return max((_held(each) for each in commands if each.all_kept(each.upright)), default=0.0)
 
     def stopping(self) -> float:
-        """Most speed held up to the first command from which fewer than nine of ten come to rest [m/s]."""
+        """Most speed held up to the first command from which a trial does not come to rest [m/s]."""
         speeds = [0.0]
         for each in self.places[NOMINAL]:
-            if not each.share_kept(each.completed):
+            if not each.all_kept(each.completed):
                 break
             speeds.append(_held(each))
         return max(speeds)
