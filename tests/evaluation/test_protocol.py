@@ -6,6 +6,7 @@ import shutil
 import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,17 @@ def test_running_and_stopping_are_two_results():
         settings = ProtocolSettings(start=1.0, top=top, grid=1.0)
         tried = search_speeds(settings, lambda speed: Tried(speed, speed < 3.0, speed < 6.0))
         assert [one.speed for one in tried] == list(np.arange(1.0, last + 1.0))
+
+
+def test_a_coarse_search_looks_closer_where_it_falls_and_where_it_does_not_come_to_rest():
+    """It rests up to 4.5 m/s and runs up to 7.5 m/s."""
+
+    def run(speed):
+        return SimpleNamespace(speed=speed, passed=speed < 5.0, ran=speed < 8.0)
+
+    settings = ProtocolSettings(start=1.0, top=16.0, grid=0.5, first_step=2.0)
+    tried = [one.speed for one in search_speeds(settings, run)]
+    assert tried == [1.0, 3.0, 3.5, 4.0, 4.5, 5.0, 7.0, 7.5, 8.0, 9.0]
 
 
 def test_both_tops_are_told(make_trial):

@@ -35,9 +35,10 @@ class ProtocolSettings:
     required: int = 9  # how many must complete
     grid: float = 0.25  # step between speeds [m/s]
     first_step: float | None = None
-    """Step of a first pass [m/s], a whole number of grid steps; the grid is then walked from the highest
-    speed that passed before the first that failed. ``None`` walks the whole grid. The two answers differ only
-    where a policy fails at a speed between two of the first pass that it passes."""
+    """Step of a first pass [m/s], a whole number of grid steps; the grid is then walked below the first speed
+    at which too many trials fell, and below the first at which too many did not come to rest. ``None`` walks
+    the whole grid. The two answers differ only where a policy fails at a speed between two of the first pass
+    that it passes."""
     start: float = 1.0  # lowest speed [m/s]
     top: float = 16.0  # the search ends here even if every speed passed [m/s]
     hold: float = 10.0  # duration of the hold [s]
@@ -96,8 +97,11 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], SpeedResult
     if reached is None:
         return tuple(first.values())
     failed = max(first) if max(first) > reached else len(speeds)
-    between = _climb(range(reached + 1, failed), speeds, run)
-    return tuple(tried for _, tried in sorted({**first, **between}.items()))
+    tried = {**first, **_climb(range(reached + 1, failed), speeds, run)}
+    restless = min((index for index, one in tried.items() if not one.passed), default=0)
+    below = max((index for index in tried if index < restless), default=restless)
+    tried |= _climb(range(below + 1, restless), speeds, run)
+    return tuple(one for _, one in sorted(tried.items()))
 
 
 def _climb(
