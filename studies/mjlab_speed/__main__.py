@@ -37,8 +37,6 @@ def parser() -> argparse.ArgumentParser:
     part = commands.add_parser("judge")
     part.add_argument("results", type=Path, help="folder of runs; judged ones are left alone")
     part.add_argument("--jobs", type=int, default=2, help="judgements at a time")
-    part.add_argument("--commands", type=float, nargs="+", help="[m/s]")
-    part.add_argument("--trials", type=int, default=3, help="per command")
     part = commands.add_parser("page")
     part.add_argument("results", type=Path)
     part.add_argument("docs", type=Path)
@@ -53,9 +51,9 @@ def main(words: Sequence[str] | None = None) -> None:
     elif given.command == "one":
         train(given.actuator, given.seed, given.folder, given.iterations, given.environments, given.until)
     elif given.command == "judge":
-        from studies.mjlab_speed.judge import COMMANDS, judge_all
+        from studies.mjlab_speed.judge import judge_all
 
-        judge_all(given.results, given.commands or COMMANDS, given.trials, given.jobs)
+        judge_all(given.results, given.jobs)
     else:
         from studies.mjlab_speed.page import page
 

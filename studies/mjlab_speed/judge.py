@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import multiprocessing
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 from sprintlab.control import PolicyRuntime, load_policy, shipped_policy
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.files import atomic_write_text
 from sprintlab.evaluation.rollout_audit import audit_rollout
 from sprintlab.evaluation.rollouts import Rollout
 from sprintlab.motors import DriveOutput
@@ -24,9 +26,11 @@ from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, load_robot, match_joints, robot_motors
 from studies.mjlab_speed.train import ACTUATORS, NO_LOAD_SPEED, STALL_TORQUE
 
-COMMANDS = tuple(np.arange(1.0, 6.01, 0.5))
+COMMANDS = tuple(np.arange(1.0, 6.01, 0.5))  # [m/s]
+SEEDS = (1, 2, 3)  # of the trials at each of them
 RISE, HOLD, JUDGED = 2.0, 5.0, 2.0  # [m/s^2], [s], the hold's last [s]
-SHIPPED, SHIPPED_COMMANDS, SHIPPED_RESULT = "go1-sprint", (4.0, 5.0, 6.0, 7.0, 8.0), "shipped.json"
+SHIPPED, SHIPPED_COMMANDS = "go1-sprint", (4.0, 5.0, 6.0, 7.0, 8.0)
+RESULT, SHIPPED_RESULT = "result.json", "shipped.json"
 FACTS = ("actuator", "seed", "environments", "iterations", "top")
 POLICY_STEPS = 20  # motor steps of 1 ms in one decision
 HEADING_GAIN, LARGEST_YAW_RATE = 0.5, 0.7  # as in mjlab's heading commands [1/s], [rad/s]
@@ -96,25 +100,11 @@ def promised_law(law: str) -> Callable[[FloatArray, FloatArray], DriveOutput] | 
 
     def given(wanted: FloatArray, speed: FloatArray) -> DriveOutput:
         line = speed / top if law == "data-sheet" else 0.0 * speed
-        lower, upper = np.maximum(stall * (-1.0 - line), -stall), np.minimum(stall * (1.0 - line), stall)
+        lower, upper = (np.clip(stall * (side - line), -stall, stall) for side in (-1.0, 1.0))
         torque = np.clip(wanted, lower, upper)
         return DriveOutput(torque, torque, lower, upper, 0.0 * torque)
 
     return given
-
-
-class Trial(NamedTuple):
-    """One command held."""
-
-    command: float
-    """[m/s]"""
-    speed: float
-    """Mean forward speed over the last two seconds of the hold [m/s]; up to the fall where the robot fell."""
-    fell: bool
-    rollout: Rollout
-    """Joint speeds and delivered torques of the hold."""
-    unmet: float
-    """Share of the wanted torque, over time and joints, that the drive does not give [-]."""
 
 
 Controller = Callable[[Plant, FloatArray], FloatArray]
@@ -137,20 +127,24 @@ def mjlabs_controller(policy: Policy, robot: RobotDescription) -> Controller:
 def shipped_controller(robot: RobotDescription) -> Controller:
     """``go1-sprint``, which comes with the package."""
     runtime = PolicyRuntime(load_policy(shipped_policy(SHIPPED)), robot)
-    runtime.reset()
     return lambda plant, command: np.asarray(runtime.step(plant.measurement(), command), dtype=float)
 
 
 def hold(
-    robot: RobotDescription, decide: Controller, law: str, command: float, seed: int, hold_time: float = HOLD
-) -> Trial:
-    """Rise to a commanded speed and hold it, on our plant, under the law of a training or ``refined``."""
+    robot: RobotDescription, decide: Controller, law: str, command: float, seed: int
+) -> tuple[float, bool, Rollout]:
+    """Rise to a commanded speed and hold it, on our plant, under the law of a training or ``refined``.
+
+    Returns:
+        The mean forward speed over the last two seconds [m/s] (at the fall where the robot fell), whether it
+        fell, and joint speeds and delivered torques of the hold.
+    """
     plant = Plant(robot, PlantOptions(), TrialSettings(seed=seed, joint_noise=0.05))
     if (drive := promised_law(law)) is not None:
         plant.use_drive(drive)
     samples, speeds = [], []
     begin = 1.0 + command / RISE
-    while plant.time < begin + hold_time and not plant.fall_reason:
+    while plant.time < begin + HOLD and not plant.fall_reason:
         asked = min(command, max(0.0, plant.time - 1.0) * RISE)
         yaw = np.clip(-HEADING_GAIN * plant.base_state().heading, -LARGEST_YAW_RATE, LARGEST_YAW_RATE)
         targets = decide(plant, np.array([asked, 0.0, yaw]))
@@ -158,25 +152,20 @@ def hold(
             position, velocity = plant.joint_state()
             position, velocity = position.copy(), velocity.copy()
             wanted = robot.stiffness * (targets - position) - robot.damping * velocity
-            output = plant.drive_joints(wanted, targets)
+            torque = plant.drive_joints(wanted, targets).torque
             if plant.time >= begin:
-                samples.append((velocity, wanted, output.torque.copy()))
+                samples.append((velocity, torque.copy()))
         speeds.append((plant.time, plant.base_state().forward_speed))
-    samples = samples or [(np.zeros(12),) * 3] * 2  # fell before the hold began
-    velocity, wanted, torque = np.swapaxes(np.array(samples), 0, 1)
-    late = [speed for moment, speed in speeds if moment > begin + hold_time - JUDGED]
-    return Trial(
-        command=command,
-        speed=float(np.mean(late or [speeds[-1][1]])),
-        fell=bool(plant.fall_reason),
-        rollout=Rollout(
-            time=0.001 * np.arange(len(velocity)),
-            joint_velocity=velocity,
-            joint_torque=torque,
-            joint_names=robot.joint_names,
-        ),
-        unmet=float(np.abs(wanted - torque).sum() / max(np.abs(wanted).sum(), 1e-9)),
+    samples = samples or [(np.zeros(12),) * 2] * 2  # fell before the hold began
+    velocity, torque = np.swapaxes(np.array(samples, dtype=np.float64), 0, 1)
+    late = [speed for moment, speed in speeds if moment > begin + HOLD - JUDGED]
+    rollout = Rollout(
+        time=np.arange(len(velocity), dtype=np.float64) / 1000.0,
+        joint_velocity=velocity,
+        joint_torque=torque,
+        joint_names=robot.joint_names,
     )
+    return float(np.mean(late or [speeds[-1][1]])), bool(plant.fall_reason), rollout
 
 
 def observation(
@@ -200,71 +189,62 @@ def observation(
     )
 
 
-def judge_all(results: Path, commands: Sequence[float], trials: int, jobs: int) -> None:
-    """Write ``result.json`` beside each policy that has none; ``results.zip`` of a training is unpacked."""
+def judge_all(results: Path, jobs: int) -> None:
+    """Write ``result.json`` beside each policy that has none yet, and that of the shipped policy.
+
+    ``results.zip`` of a training is unpacked first.
+    """
     if (packed := results / "results.zip").exists():
         shutil.unpack_archive(packed, results)
-    left = [
-        path for path in sorted(results.glob("*/policy.npz")) if not path.with_name("result.json").exists()
-    ]
+    left = [path for path in sorted(results.glob("*/policy.npz")) if not _judged(path)]
     with multiprocessing.get_context("spawn").Pool(min(jobs, len(left) or 1)) as pool:
-        pool.starmap(judge, [(path, commands, range(1, trials + 1)) for path in left])
-    if not (shipped := results / SHIPPED_RESULT).exists():
-        judge_shipped(shipped)
+        pool.map(judge, left)
+    judge_shipped(results / SHIPPED_RESULT)
 
 
-def judge(path: Path, commands: Sequence[float], seeds: Sequence[int]) -> None:
+def _judged(path: Path) -> bool:
+    """Whether the result beside a policy is of this very file."""
+    result = path.with_name(RESULT)
+    return result.exists() and json.loads(result.read_text())["policy_sha256"] == digest(path)
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def judge(path: Path) -> None:
     """All trials of one policy under its own law and under the refined one."""
     policy = load(path)
-    robot, law = mjlabs_go1(policy), policy.facts["actuator"]
-    trials = run_trials(robot, partial(mjlabs_controller, policy, robot), (law, "refined"), commands, seeds)
-    found: dict[str, Any] = {**policy.facts, "trials": trials}
-    found["promised"], found["delivered"] = reached(trials, law), reached(trials, "refined")
-    path.with_name("result.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(f"{path.parent.name}: promised {found['promised']}, delivered {found['delivered']}", flush=True)
+    robot = mjlabs_go1(policy)
+    laws = dict.fromkeys((policy.facts["actuator"], "refined"))
+    trials = run_trials(robot, partial(mjlabs_controller, policy, robot), laws, COMMANDS)
+    found = {**policy.facts, "policy_sha256": digest(path), "trials": trials}
+    atomic_write_text(path.with_name(RESULT), json.dumps(found, indent=1) + "\n")
+    print(f"{path.parent.name}: judged", flush=True)
 
 
 def judge_shipped(path: Path) -> None:
     """The package's own Go1 policy under all three laws, at speeds that mjlab's task does not reach."""
     robot = load_robot("go1")
-    trials = run_trials(robot, partial(shipped_controller, robot), ACTUATORS, SHIPPED_COMMANDS, (1,))
-    path.write_text(json.dumps(trials, indent=1) + "\n", encoding="utf-8")
+    trials = run_trials(robot, partial(shipped_controller, robot), ACTUATORS, SHIPPED_COMMANDS)
+    atomic_write_text(path, json.dumps(trials, indent=1) + "\n")
 
 
 def run_trials(
-    robot: RobotDescription,
-    begin: Callable[[], Controller],
-    laws: Sequence[str],
-    commands: Sequence[float],
-    seeds: Sequence[int],
+    robot: RobotDescription, begin: Callable[[], Controller], laws: Iterable[str], commands: Iterable[float]
 ) -> list[dict[str, Any]]:
     """What each trial came to, by law, command and seed."""
     motors, trials = robot_motors("go1"), []
-    for law, command, seed in itertools.product(dict.fromkeys(laws), commands, seeds):
-        one = hold(robot, begin(), law, float(command), seed)
+    for law, command, seed in itertools.product(laws, commands, SEEDS):
+        speed, fell, rollout = hold(robot, begin(), law, float(command), seed)
         trials.append(
             {
                 "law": law,
                 "command": float(command),
-                "speed": round(one.speed, 3),
-                "fell": one.fell,
-                "unmet": round(one.unmet, 4),
-                "impossible": round(audit_rollout(one.rollout, motors).impossible, 4),
+                "speed": round(speed, 3),
+                "fell": fell,
+                "beyond": round(audit_rollout(rollout, motors).impossible_moments, 4),
             }
         )
     return trials
-
-
-def reached(trials: Sequence[dict[str, Any]], law: str) -> dict[str, float]:
-    """Fastest mean speed at a command that at most a third of the trials fall at, and what it took."""
-    own = [trial for trial in trials if trial["law"] == law]
-    groups = [[one for one in own if one["command"] == at] for at in sorted({one["command"] for one in own})]
-    held = [group for group in groups if 3 * sum(one["fell"] for one in group) <= len(group)]
-    best = max(held, key=lambda group: np.mean([one["speed"] for one in group]), default=groups[0])
-    return {
-        "speed": round(float(np.mean([one["speed"] for one in best])), 3) if held else 0.0,
-        "command": best[0]["command"],
-        "impossible": round(float(np.mean([one["impossible"] for one in best])), 4),
-        "unmet": round(float(np.mean([one["unmet"] for one in best])), 4),
-        "falls": round(float(np.mean([one["fell"] for one in own])), 4),
-    }

@@ -171,12 +171,12 @@ def export(runner: Any, entity: Any, action: Any, facts: dict[str, Any], path: P
     weights = {
         f"actor.{name}": value.cpu().numpy() for name, value in runner.alg.get_policy().state_dict().items()
     }
-    gains = {
+    joints = {
         "home": entity.data.default_joint_pos[0].cpu().numpy(),
         "scale": np.broadcast_to(action.scale[0].cpu().numpy(), len(entity.joint_names)),
         "joint_names": np.array(entity.joint_names),
     }
-    np.savez_compressed(path, **weights, **gains, **facts)
+    np.savez_compressed(path, **weights, **joints, **facts)
 
 
 def run_all(given: argparse.Namespace) -> None:

@@ -93,9 +93,10 @@ Every dot is a seed, the bar is the interquartile mean, the cross is what the pa
 _VERDICTS = """*Confirmed* or *refuted*: a seed of `acs` is the faster one with a probability above or below
 one half, with 95 % confidence. *Equal*: the difference is at most 0.2 m/s, with 95 % confidence. The verdict
 is by the speed held while running; *stopping* is the one by the speed from which a policy comes to rest."""
-_NOTE = f"""Speeds in m/s, raw command. *Running*: the most that is held where each of {TRIALS} trials stays upright.
-*Stopping*: the most that is held up to the first command from which one of them does not come to rest.
-Commands rise by {FIRST_STEP:g} m/s, and by {GRID:g} m/s below the first fall and the first that does not come to rest.
+_NOTE = f"""Speeds in m/s, raw command. *Running*: the most that is held where each of {TRIALS} trials stays
+upright. *Stopping*: the most that is held up to the first command from which one of them does not come to
+rest. Commands rise by {FIRST_STEP:g} m/s; by {GRID:g} m/s below the first fall, and below the first that does
+not come to rest.
 Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `acs`), 100 m and
 audit: at the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
 not speeds."""

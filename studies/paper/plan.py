@@ -56,7 +56,7 @@ class Training:
 
 
 def study_trainings(runs: Runs) -> list[Training]:
-    """Every training: the six methods with one reward table, then with the other, then other papers' methods.
+    """Every training: the methods of the claims with our reward, then with the paper's, then the others.
 
     Each part goes seed by seed, so that a plan that is cut short has compared all its methods. A pair of
     methods that its seeds leave open gets more of them, up to twenty.

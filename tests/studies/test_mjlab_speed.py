@@ -111,12 +111,3 @@ def test_commands_rise_only_while_robots_follow(earned: float, rises: bool) -> N
     for _ in range(2 * training.PATIENCE * training.STEPS_PER_ITERATION):
         commands(env, None, "twist")
     assert ranges.lin_vel_x == pytest.approx((-1.0, 2.0 + 2 * training.RAISE * rises))
-
-
-def test_the_speed_reached_is_that_of_a_command_most_trials_hold():
-    trials = [
-        {"law": "refined", "command": at, "speed": speed, "fell": fell, "unmet": 0.0, "impossible": 0.1}
-        for at, speed, fell in [(1, 0.9, False), (1, 1.1, False), (2, 1.8, False), (2, 1.9, True)]
-    ]
-    assert study.reached(trials, "refined")["speed"] == pytest.approx(1.0)
-    assert study.reached(trials, "refined")["falls"] == 0.25
