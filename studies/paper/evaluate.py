@@ -21,7 +21,7 @@ from sprintlab.control import load_policy
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import package_version
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol
 from sprintlab.evaluation.results import SpeedResult, SprintResult
@@ -205,13 +205,15 @@ def evaluate_elsewhere(
 
 
 def command_record(speed: SpeedResult) -> Command:
-    """The trials of one command in five numbers."""
+    """The trials of one command in a few numbers."""
+    failed = audit_trials([trial.metrics for trial in speed.trials]).failed
     return Command(
         speed=speed.top_speed,
         trials=len(speed.trials),
         upright=len(speed.trials) - speed.falls,
         completed=len(speed.completed),
         held=_rounded(speed.running_speed),
+        audit_failed=sum(item.name != CLOCK_ITEM for item in failed),
     )
 
 

@@ -24,9 +24,11 @@ from studies.paper.verdicts import CLAIMS, judge, verdict
 from sprintlab.core.errors import SprintlabError
 
 
-def command(speed, *, upright=10, completed=10, held=None):
+def command(speed, *, upright=10, completed=10, held=None, failed=0):
     held = speed if held is None else held
-    return Command(speed=speed, trials=10, upright=upright, completed=completed, held=held)
+    return Command(
+        speed=speed, trials=10, upright=upright, completed=completed, held=held, audit_failed=failed
+    )
 
 
 def run(method="acs", seed=0, commands=(), preset="sprintlab", places=None):
@@ -49,6 +51,13 @@ def by_method(*groups):
 def small_plan(monkeypatch):
     monkeypatch.setattr("studies.paper.plan.PAPER_TABLE", {"baseline": None})
     monkeypatch.setattr("studies.paper.plan.OTHERS", ())
+
+
+def test_the_speed_within_the_audit_is_that_of_upright_trials_that_pass_it():
+    speeds = [command(8.0), command(10.0, failed=1), command(9.0), command(12.0, upright=9)]
+    assert run(commands=speeds).audited() == 9.0
+    assert run(commands=[command(8.0, failed=2)]).audited() == 0.0
+    assert math.isnan(run(commands=[command(8.0, failed=None)]).audited())
 
 
 def test_running_and_stopping_are_two_speeds():
