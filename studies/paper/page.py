@@ -96,9 +96,9 @@ is by the speed held while running; *stopping* and *within the audit* are those 
 policy comes to rest, and by the speed that passes the [audit](evaluation.md#exploit-audit)."""
 _NOTE = f"""Speeds in m/s, raw command. *Running*: the most that is held where each of {TRIALS} trials stays
 upright. *Stopping*: the most that is held up to the first command from which one of them does not come to
-rest. Commands rise by {FIRST_STEP:g} m/s; by {GRID:g} m/s below the first fall, and below the first that does
-not come to rest. *Within the audit*: the most that is held at a command at which its lines pass, but for the
-policy clock's, which wants trials of its own.
+rest. *Within the audit*: the most that is held at a command at which its lines pass, but for the policy
+clock's, which wants trials of its own. Commands rise by {FIRST_STEP:g} m/s, and by {GRID:g} m/s near each of
+the three.
 Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `acs`) and 100 m: at
 the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
 not speeds."""

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 from studies.paper.__main__ import main
-from studies.paper.evaluate import Evaluate
+from studies.paper.evaluate import Evaluate, with_the_audits_top
 from studies.paper.plan import Training, study_trainings
 from studies.paper.record import (
     RESULTS,
@@ -22,6 +22,7 @@ from studies.paper.statistics import Interval
 from studies.paper.verdicts import CLAIMS, judge, verdict
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.protocol import ProtocolSettings
 
 
 def command(speed, *, upright=10, completed=10, held=None, failed=0):
@@ -58,6 +59,18 @@ def test_the_speed_within_the_audit_is_that_of_upright_trials_that_pass_it():
     assert run(commands=speeds).audited() == 9.0
     assert run(commands=[command(8.0, failed=2)]).audited() == 0.0
     assert math.isnan(run(commands=[command(8.0, failed=None)]).audited())
+
+
+def test_the_grid_is_walked_above_the_fastest_command_that_passes_the_audit(monkeypatch):
+    monkeypatch.setattr("studies.paper.evaluate.run_speed", lambda pool, speed, **settings: speed)
+    monkeypatch.setattr(
+        "studies.paper.evaluate.command_record", lambda speed: command(speed, failed=int(speed > 3.5))
+    )
+    settings = ProtocolSettings(grid=0.5, top=6.0)
+    tried = (command(1.0), command(3.0), command(5.0, failed=2))
+    found = with_the_audits_top(tried, None, settings)
+    assert [one.speed for one in found] == [1.0, 3.0, 3.5, 4.0, 5.0]
+    assert with_the_audits_top(tried[2:], None, settings) == tried[2:]
 
 
 def test_running_and_stopping_are_two_speeds():
