@@ -31,8 +31,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         upright: how many did not fall from start to end.
         completed: how many did not fall and were at rest in the last second.
         held: mean speed over the last 2 s of the hold, of the upright trials [m/s].
-        audit_failed: lines of the audit that fail, but for the policy clock's, which wants trials of its own;
-            ``None`` in records of before it was looked at.
+        audit_failed: lines of the audit that fail, but for the policy clock's, which wants trials of its own.
     """
 
     speed: float
@@ -40,7 +39,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     upright: int
     completed: int
     held: float | None
-    audit_failed: int | None = None
+    audit_failed: int
 
     def all_kept(self, count: int) -> bool:
         """Whether every trial is in ``count``."""
@@ -112,14 +111,9 @@ class Run(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return max(speeds)
 
     def audited(self) -> float:
-        """Most speed held where every trial stays upright and the audit passes [m/s]; 0 without one.
-
-        ``nan`` where the audit was not looked at.
-        """
-        upright = [each for each in self.places[NOMINAL] if each.all_kept(each.upright)]
-        if any(each.audit_failed is None for each in upright):
-            return math.nan
-        return max((_held(each) for each in upright if each.audit_failed == 0), default=0.0)
+        """Most speed held where every trial stays upright and the audit passes [m/s]; 0 without one."""
+        clean = [each for each in self.places[NOMINAL] if each.audit_failed == 0]
+        return max((_held(each) for each in clean if each.all_kept(each.upright)), default=0.0)
 
 
 def _held(command: Command) -> float:
