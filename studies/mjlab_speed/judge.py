@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import multiprocessing
@@ -18,7 +17,7 @@ import numpy as np
 
 from sprintlab.control import PolicyRuntime, load_policy, shipped_policy
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.files import atomic_write_text
+from sprintlab.core.files import atomic_write_json, file_sha256
 from sprintlab.evaluation.rollout_audit import audit_rollout
 from sprintlab.evaluation.rollouts import Rollout
 from sprintlab.motors import DriveOutput
@@ -205,12 +204,7 @@ def judge_all(results: Path, jobs: int) -> None:
 def _judged(path: Path) -> bool:
     """Whether the result beside a policy is of this very file."""
     result = path.with_name(RESULT)
-    return result.exists() and json.loads(result.read_text())["policy_sha256"] == digest(path)
-
-
-def digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return result.exists() and json.loads(result.read_text())["policy_sha256"] == file_sha256(path)
 
 
 def judge(path: Path) -> None:
@@ -219,8 +213,8 @@ def judge(path: Path) -> None:
     robot = mjlabs_go1(policy)
     laws = dict.fromkeys((policy.facts["actuator"], "refined"))
     trials = run_trials(robot, partial(mjlabs_controller, policy, robot), laws, COMMANDS)
-    found = {**policy.facts, "policy_sha256": digest(path), "trials": trials}
-    atomic_write_text(path.with_name(RESULT), json.dumps(found, indent=1) + "\n")
+    found = {**policy.facts, "policy_sha256": file_sha256(path), "trials": trials}
+    atomic_write_json(path.with_name(RESULT), found)
     print(f"{path.parent.name}: judged", flush=True)
 
 
@@ -228,7 +222,7 @@ def judge_shipped(path: Path) -> None:
     """The package's own Go1 policy under all three laws, at speeds that mjlab's task does not reach."""
     robot = load_robot("go1")
     trials = run_trials(robot, partial(shipped_controller, robot), ACTUATORS, SHIPPED_COMMANDS)
-    atomic_write_text(path, json.dumps(trials, indent=1) + "\n")
+    atomic_write_json(path, trials)
 
 
 def run_trials(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.files import atomic_write_text
 from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
 from studies.mjlab_speed.judge import COMMANDS, RESULT, SEEDS, SHIPPED_RESULT
 from studies.mjlab_speed.train import ACTUATORS, STEPS_PER_ITERATION, WALKING_ITERATIONS
@@ -32,7 +33,7 @@ def page(results: Path, docs: Path) -> None:
     )
     if count != 1:
         raise SystemExit(f"{target}: needs one pair of <!-- mjlab-speed --> and <!-- /mjlab-speed -->")
-    target.write_text(written, encoding="utf-8")
+    atomic_write_text(target, written)
 
 
 def draw(runs: Sequence[Run], path: Path) -> None:
@@ -59,8 +60,12 @@ def draw(runs: Sequence[Run], path: Path) -> None:
 
 def trials_of(runs: Sequence[Run], law: str, under: str, command: float | None = None) -> list[Trial]:
     """The trials under one law of the policies that were trained on another; at a command [m/s] or at all."""
-    trials = [one for run in runs if run["actuator"] == law for one in run["trials"]]
-    return [one for one in trials if one["law"] == under and command in (None, one["command"])]
+    return of_law([one for run in runs if run["actuator"] == law for one in run["trials"]], under, command)
+
+
+def of_law(trials: Sequence[Trial], law: str, command: float | None = None) -> list[Trial]:
+    """The trials under a law; at a command [m/s] or at all."""
+    return [one for one in trials if one["law"] == law and command in (None, one["command"])]
 
 
 def mean_speed(trials: Sequence[Trial]) -> float:
@@ -124,11 +129,6 @@ def onset(shipped: Sequence[Trial]) -> str:
     share = 100 * np.mean([one["beyond"] for one in stock])
     gain = mean_speed(stock) - mean_speed(refined)
     return f"at {mean_speed(stock):.1f} m/s in {share:.0f} % of the time, which adds {gain:.2f} m/s"
-
-
-def of_law(shipped: Sequence[Trial], law: str, command: float) -> list[Trial]:
-    """The shipped policy's trials under a law at a command [m/s]."""
-    return [one for one in shipped if one["law"] == law and one["command"] == command]
 
 
 def shipped_rows(shipped: Sequence[Trial]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import shutil
 import tempfile
@@ -21,6 +20,7 @@ from sprintlab.control import load_policy
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import package_version
+from sprintlab.core.files import file_sha256
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol, run_speed
@@ -51,7 +51,8 @@ PACKAGES = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 TRIALS = 5
 """Seeded trials per speed: a verdict needs many trainings more than it needs many trials of each."""
 FIRST_STEP, GRID = 2.0, 0.5
-"""Commands rise by the first up to the first fall, and from the last one without by the second [m/s]."""
+"""Commands rise by the first; by the second near where a robot first falls, does not come to rest, and fails
+the audit [m/s]."""
 START_BELOW = 4.0
 """How far below the speed held on the nominal robot the search begins elsewhere [m/s]."""
 COMPARED = {REFERENCE_METHOD, *(claim.other for claim in CLAIMS)}
@@ -115,7 +116,7 @@ class Evaluate:
         training = load_policy(policy).contract.training
         path = record_path(self.results, preset, training.method, training.seed)
         found = read_run(path) if path.is_file() else None
-        return found if found is not None and found.policy_sha256 == _digest(policy) else None
+        return found if found is not None and found.policy_sha256 == file_sha256(policy) else None
 
     def _lacks(self, policy: Path, preset: str, place: str) -> bool:
         """Whether the policy has to run at this place."""
@@ -247,7 +248,7 @@ def _fastest(found: SpeedResult, pool: TrialPool, settings: ProtocolSettings) ->
 
 def keep_medians(policies: Sequence[tuple[Path, str]], results: Path) -> None:
     """Copy the median policy of each of the six methods, trained with our reward, to its records."""
-    files = {_digest(policy): policy for policy, _ in policies}
+    files = {file_sha256(policy): policy for policy, _ in policies}
     runs = read_runs(results)
     for method in PAPER_TABLE:
         median = median_run(runs.get(("sprintlab", method), ()))
@@ -282,10 +283,6 @@ def moved_policy(policy: Path, robot_name: str, folder: Path) -> Path:
     path = folder / f"{robot_name}.onnx"
     onnx.save(model, path)
     return path
-
-
-def _digest(policy: Path) -> str:
-    return hashlib.sha256(policy.read_bytes()).hexdigest()
 
 
 def _rounded(value: float) -> float | None:

@@ -230,7 +230,7 @@ def seed_table(runs: Runs) -> str:
             str(run.seed),
             f"{run.running():.2f}",
             f"{run.stopping():.2f}",
-            _reported(run.audited(), 2),
+            f"{run.audited():.2f}",
             *_details(run),
         )
         for (preset, method), group in runs.items()

@@ -79,8 +79,9 @@ def study_trainings(runs: Runs) -> list[Training]:
         for (preset, method), seeds in wanted.items()
         if seed < seeds and method in ALL_METHODS
     ]
-    part = {each: ((each.preset, each.method) in others, PRESETS.index(each.preset)) for each in planned}
-    return sorted(planned, key=part.__getitem__)
+    return sorted(
+        planned, key=lambda each: ((each.preset, each.method) in others, PRESETS.index(each.preset))
+    )
 
 
 def missing_trainings(results: Path) -> tuple[list[Training], int]:

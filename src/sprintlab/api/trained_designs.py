@@ -5,7 +5,6 @@ A policy lies in ``<design>/<method>/seed-<k>/policy.onnx``; what a motor model 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 
 from sprintlab.api.results import Progress
 from sprintlab.api.training import require_training
-from sprintlab.core.files import atomic_write_json
+from sprintlab.core.files import atomic_write_json, file_sha256
 from sprintlab.core.json_values import json_ready
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
@@ -115,7 +114,7 @@ def _by_model(
 def judged(task: tuple[Path, MotorModel]) -> dict[str, float]:
     """Speed, power and winding temperature of a policy with a motor model, computed where missing."""
     policy, model = task
-    path, digest = policy.with_name(f"judged-{model}.json"), hashlib.sha256(policy.read_bytes()).hexdigest()
+    path, digest = policy.with_name(f"judged-{model}.json"), file_sha256(policy)
     record = read_json(path, what="record") if path.is_file() else {}
     if record.get("policy_sha256") != digest:
         settings = replace(JUDGE, plant=PlantOptions(motor_model=model))

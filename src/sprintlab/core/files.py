@@ -1,7 +1,8 @@
-"""Atomic writing: a reader sees the old content or the new, never a half."""
+"""Atomic writing: a reader sees the old content or the new, never a half; and what a file is known by."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -127,6 +128,11 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path]:
             os.replace(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def file_sha256(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file's content, in hexadecimal."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def default_folder(prefix: str = "race") -> Path:
