@@ -87,5 +87,7 @@ def test_a_policy_is_judged_once_by_each_motor_model(policy, tmp_path, monkeypat
     monkeypatch.setattr("sprintlab.api.trained_designs.JUDGE", BRIEF)
     found = judged((place, "refined"))
     assert found["power_W"] > 0.0 and found["winding_degC"] >= 25.0
-    monkeypatch.setattr("sprintlab.api.trained_designs.run_protocol", lambda *_, **__: pytest.fail("again"))
+    monkeypatch.setattr(
+        "sprintlab.api.trained_designs.run_protocol_near", lambda *_, **__: pytest.fail("again")
+    )
     assert judged((place, "refined")) == found

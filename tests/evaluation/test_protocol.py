@@ -18,6 +18,7 @@ from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import (
     ProtocolSettings,
     run_protocol,
+    run_protocol_near,
     run_speed,
     search_speeds,
 )
@@ -50,6 +51,14 @@ class FakePool:
             )
             for index, request in enumerate(requests)
         ]
+
+
+@pytest.mark.parametrize(("near", "begun"), [(3.0, [3.0]), (9.0, [4.0, 1.0]), (-2.0, [1.0])])
+def test_a_search_near_a_speed_begins_at_the_lowest_after_all_where_it_falls_there(make_trial, near, begun):
+    pool = FakePool(make_trial, lambda speed: int(speed > 3.0) * 10)
+    result = run_protocol_near(near, pool, ProtocolSettings(grid=1.0, top=4.0))
+    lowest = [speed for before, speed in zip([50.0, *pool.asked], pool.asked, strict=False) if speed < before]
+    assert lowest == begun and result.best.top_speed == 3.0
 
 
 def test_the_search_stops_at_the_first_speed_that_fails(make_trial):

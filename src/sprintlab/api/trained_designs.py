@@ -18,7 +18,7 @@ from sprintlab.core.files import atomic_write_json, file_sha256
 from sprintlab.core.json_values import json_ready
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
-from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol
+from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol_near
 from sprintlab.evaluation.results import SpeedResult
 from sprintlab.motors import MotorModel, WindingHeat
 from sprintlab.plant import PlantOptions
@@ -30,6 +30,8 @@ METHODS: Mapping[MotorModel, str] = dict(zip(MODELS, ("acs", "simplified-dc"), s
 """The method that trains under a motor model; both are the same but for it."""
 JUDGE = ProtocolSettings(trials=5, required=5, first_step=2.0, grid=0.5)
 """How the highest speed of a policy is searched."""
+LIKELY = 5.0
+"""Where that search begins [m/s], unless a policy falls there."""
 RETRIES = 1
 """How often a training that failed or was killed is started again."""
 
@@ -119,7 +121,7 @@ def judged(task: tuple[Path, MotorModel]) -> dict[str, float]:
     if record.get("policy_sha256") != digest:
         settings = replace(JUDGE, plant=PlantOptions(motor_model=model))
         with TrialPool(policy, load_robot_file(policy.parents[2] / "parameters.toml"), 1) as pool:
-            speeds = run_protocol(pool, self_paced=False, settings=settings).speeds
+            speeds = run_protocol_near(LIKELY, pool, settings).speeds
             ran = (speed for speed in speeds if speed.ran)
             best = max(ran, key=lambda speed: speed.running_speed, default=None)
             numbers = NOT_RUNNING if best is None else _numbers(best, pool, settings)

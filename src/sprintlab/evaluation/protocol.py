@@ -151,6 +151,18 @@ def run_protocol(
     return ProtocolResult(self_paced=self_paced, speeds=search_speeds(settings, run))
 
 
+def run_protocol_near(near: float, pool: TrialPool, settings: ProtocolSettings) -> ProtocolResult:
+    """The raw search of ``run_protocol``, begun at a speed that the policy likely holds [m/s].
+
+    It begins at the lowest speed after all where a trial falls at that one.
+    """
+    begun = replace(settings, start=min(max(near, settings.start), settings.top))
+    result = run_protocol(pool, self_paced=False, settings=begun)
+    if result.speeds[0].falls and settings.start < begun.start:
+        result = run_protocol(pool, self_paced=False, settings=settings)
+    return result
+
+
 def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialRequest | None:
     """One nominal raw trial on a full battery with windings that warm up, to stand beside the stiff bus.
 
