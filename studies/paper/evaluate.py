@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import tempfile
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import msgspec
 import tyro
 
+from sprintlab.api.results import Progress
 from sprintlab.cli.output import progress_bar
 from sprintlab.control import load_policy
 from sprintlab.core.checks import check_choice
@@ -23,7 +26,7 @@ from sprintlab.core.extras import package_version
 from sprintlab.core.files import file_sha256
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
-from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol, run_speed
+from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol_near, run_speed
 from sprintlab.evaluation.results import SpeedResult, SprintResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import on_engine
@@ -53,27 +56,32 @@ TRIALS = 5
 FIRST_STEP, GRID = 2.0, 0.5
 """Commands rise by the first; by the second near where a robot first falls, does not come to rest, and fails
 the audit [m/s]."""
+LIKELY = 9.0
+"""Where the search begins on the nominal robot; below, where a policy falls or fails the audit [m/s]."""
+SEEDS_ELSEWHERE = 5
+"""Seeds of a method that run on the other editions of the robot."""
 START_BELOW = 4.0
 """How far below the speed held on the nominal robot the search begins elsewhere [m/s]."""
 COMPARED = {REFERENCE_METHOD, *(claim.other for claim in CLAIMS)}
 """Methods that run there."""
-TOGETHER = 3
-"""Policies evaluated at a time: while one waits for the last trial of a speed, others use the cores."""
+LOOK_AGAIN = 2.0
+"""How often it is looked whether a training has finished [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
     """Run the policies of ``<runs>/<preset>/<method>/seed-<k>/policy.onnx`` where they have not run yet.
 
-    All on the nominal robot. Those of the methods that a claim compares also on its weak and strong edition,
-    and the faster half of each method in Drake. A record is written as soon as its policy has run at a place:
-    a command that was stopped goes on there. The median policy of each of the six methods is copied beside
-    its records.
+    All on the nominal robot. Of the methods that a claim compares also five seeds on its weak and strong
+    edition, and the faster half in Drake. A record is written as soon as its policy has run at a place: a
+    command that was stopped goes on there. The median policy of each of the six methods is copied beside its
+    records.
 
     Attributes:
         runs: folder of finished runs, or of records with their median policies.
         results: folder of the records.
         places: where to run them.
+        minutes: for so long also what a training beside it finishes; when left out, what is finished now.
         workers: processes; one per core when left out.
         trials: seeded trials per speed; all must stay upright.
         start: lowest speed of the search [m/s].
@@ -83,6 +91,7 @@ class Evaluate:
     runs: tyro.conf.Positional[Path] = Path("runs/study")
     results: Path = RESULTS
     places: tuple[str, ...] = PLACES
+    minutes: float | None = None
     workers: int | None = None
     trials: int = TRIALS
     start: float = 1.0
@@ -96,41 +105,52 @@ class Evaluate:
         """
         for place in self.places:
             check_choice("places", place, PLACES)
-        policies = find_policies(self.runs)
-        together = min(TOGETHER, self.workers or TOGETHER)
+        if self.minutes is None and not find_policies(self.runs):
+            expected = f"{self.runs}/<preset>/<method>/seed-<k>/"
+            raise SprintlabError(f"{self.runs} holds no runs; they are expected as {expected}")
+        workers = self.workers or os.cpu_count() or 1
+        together = 1 + workers // 2  # while one policy waits for a speed's last trial, others use the cores
         with (
             progress_bar() as report,
             ThreadPoolExecutor(together) as threads,
-            WorkerProcesses(self.workers) as processes,  # ends first, and with it what the threads wait for
+            WorkerProcesses(workers) as processes,  # ends first, and with it what the threads wait for
         ):
-            for place in (each for each in PLACES if each in self.places):
-                todo = [each for each in policies if self._lacks(*each, place)]
-                work = partial(self._evaluate, place, processes)
-                for number, record in enumerate(threads.map(work, todo), 1):
-                    report(f"{place}: {record.parent.name} {record.stem}", number / len(todo))
-        keep_medians(policies, self.results)
+            work = partial(threads.submit, self._evaluate, processes)
+            self._work_down(together, work, report)
+        keep_medians(find_policies(self.runs), self.results)
         return 0
 
-    def _record(self, policy: Path, preset: str) -> Run | None:
-        """The record of this very policy file."""
-        training = load_policy(policy).contract.training
-        path = record_path(self.results, preset, training.method, training.seed)
-        found = read_run(path) if path.is_file() else None
-        return found if found is not None and found.policy_sha256 == file_sha256(policy) else None
+    def _work_down(self, together: int, begin: Callable[..., Future[Path]], report: Progress) -> None:
+        """Evaluate until nothing is missing, or until the minutes are over."""
+        until = time.monotonic() + 60.0 * (self.minutes or math.inf)
+        running, done = dict[Future[Path], Path](), 0
+        while time.monotonic() < until:
+            todo = [each for each in self._missing() if each[0] not in running.values()]
+            for task in todo[: together - len(running)]:
+                running[begin(*task)] = task[0]
+            if not running and self.minutes is None:
+                return
+            for finished in wait(running, LOOK_AGAIN, FIRST_COMPLETED).done:
+                del running[finished]
+                record, done = finished.result(), done + 1
+                report(f"{record.parent.name} {record.stem}", done / (done + len(running) + len(todo)))
+            if not running:
+                time.sleep(LOOK_AGAIN)
 
-    def _lacks(self, policy: Path, preset: str, place: str) -> bool:
-        """Whether the policy has to run at this place."""
-        record = self._record(policy, preset)
-        if record is None or place in record.places or place == NOMINAL:
-            return place == NOMINAL and record is None
-        if record.method not in COMPARED:
-            return False
-        group = read_runs(self.results)[preset, record.method]
-        return place != DRAKE or record.seed in {run.seed for run in best_half(group)}
+    def _missing(self) -> list[tuple[Path, str, str]]:
+        """Every policy that has to run, its preset, and the first place where it has to; place by place."""
+        runs, found = read_runs(self.results), list[tuple[Path, str, str]]()
+        for policy, preset in find_policies(self.runs):
+            method, seed, digest = identity(policy, policy.stat().st_mtime_ns)
+            group = runs.get((preset, method), ())
+            same = [run for run in group if (run.seed, run.policy_sha256) == (seed, digest)]
+            wanted = wanted_places(same[0], group) if same else [NOMINAL]
+            found += [(policy, preset, place) for place in wanted if place in self.places][:1]
+        return sorted(found, key=lambda each: PLACES.index(each[2]))
 
-    def _evaluate(self, place: str, processes: WorkerProcesses, found: tuple[Path, str]) -> Path:
+    def _evaluate(self, processes: WorkerProcesses, policy: Path, preset: str, place: str) -> Path:
         """Run a policy at a place and write its record; returns the record's path."""
-        return write_run(self.results, self._evaluated(*found, place, processes))
+        return write_run(self.results, self._evaluated(policy, preset, place, processes))
 
     def _evaluated(self, policy: Path, preset: str, place: str, processes: WorkerProcesses) -> Run:
         settings = ProtocolSettings(
@@ -141,31 +161,39 @@ class Evaluate:
             start=self.start,
             top=self.top,
         )
-        record = self._record(policy, preset)
-        if place == NOMINAL or record is None:
+        if place == NOMINAL:
             return evaluate_policy(policy, preset, settings, processes)
-        near = max(self.start, round(record.running() - START_BELOW))
-        commands = evaluate_elsewhere(policy, place, replace(settings, start=near), processes)
-        if not commands[0].all_kept(commands[0].upright):  # it falls there: from the lowest speed, then
-            commands = evaluate_elsewhere(policy, place, settings, processes)
+        record = read_run(record_path(self.results, preset, *identity(policy, policy.stat().st_mtime_ns)[:2]))
+        near = float(round(record.running() - START_BELOW))
+        commands = evaluate_elsewhere(policy, place, near, settings, processes)
         return msgspec.structs.replace(record, places={**record.places, place: commands})
 
 
 def find_policies(runs: Path) -> list[tuple[Path, str]]:
-    """Policy files below a folder of runs, with their presets.
-
-    Raises:
-        SprintlabError: the folder does not exist or holds none.
-    """
-    found = [
+    """Policy files below a folder of runs, with their presets."""
+    return [
         (path, preset)
         for preset in PRESETS
         for name in ("seed-*/policy.onnx", "median.onnx")
         for path in sorted(runs.glob(f"{preset}/*/{name}"))
     ]
-    if not found:
-        raise SprintlabError(f"{runs} holds no runs; they are expected as {runs}/<preset>/<method>/seed-<k>/")
-    return found
+
+
+@cache
+def identity(policy: Path, changed: int) -> tuple[str, int, str]:
+    """Method, seed and SHA-256 of a policy file that was last ``changed`` at a time."""
+    training = load_policy(policy).contract.training
+    return training.method, training.seed, file_sha256(policy)
+
+
+def wanted_places(run: Run, group: Sequence[Run]) -> list[str]:
+    """Where a run of a group, which is that of its method and preset, has still to run."""
+    if run.method not in COMPARED:
+        return []
+    editions = (place for place in PLACES if place not in (NOMINAL, DRAKE))
+    wanted = [place for place in editions if sum(place in each.places for each in group) < SEEDS_ELSEWHERE]
+    wanted += [DRAKE] if run.seed in {each.seed for each in best_half(group)} else []
+    return [place for place in wanted if place not in run.places]
 
 
 def evaluate_policy(policy: Path, preset: str, settings: ProtocolSettings, processes: WorkerProcesses) -> Run:
@@ -176,7 +204,7 @@ def evaluate_policy(policy: Path, preset: str, settings: ProtocolSettings, proce
     """
     pool = TrialPool(policy, load_robot(NOMINAL), processes=processes)
     training = pool.policy.contract.training
-    result = run_protocol(pool, self_paced=False, settings=settings)
+    result = run_protocol_near(LIKELY, pool, settings)
     tried = tuple(map(command_record, result.speeds))
     return Run(
         method=training.method,
@@ -195,22 +223,31 @@ def evaluate_policy(policy: Path, preset: str, settings: ProtocolSettings, proce
 def with_the_audits_top(
     tried: tuple[Command, ...], pool: TrialPool, settings: ProtocolSettings
 ) -> tuple[Command, ...]:
-    """Also the commands of the grid above the fastest that passes the audit, to the first that does not."""
-    clean = [one.speed for one in tried if one.all_kept(one.upright) and one.audit_failed == 0]
-    below = max(clean, default=settings.top)
-    above = min((one.speed for one in tried if one.speed > below), default=below)
-    more = []
-    for speed in (each for each in settings.speeds() if below < each < above):
-        more.append(command_record(run_speed(pool, speed, self_paced=False, settings=settings)))
-        if more[-1].audit_failed:
-            break
-    return tuple(sorted((*tried, *more), key=lambda one: one.speed))
+    """Also the commands around the fastest that passes the audit.
+
+    Below those tried, where none of them passes, they fall by the first step up to one that does; above it
+    they rise by the grid up to the first that does not.
+    """
+    commands = {one.speed: one for one in tried}
+
+    def passes(speed: float) -> bool:
+        commands[speed] = command_record(run_speed(pool, speed, self_paced=False, settings=settings))
+        return commands[speed].clean
+
+    if not any(one.clean for one in tried):
+        stride = round((settings.first_step or settings.grid) / settings.grid)
+        lower = [speed for speed in settings.speeds()[::stride] if speed < min(commands)]
+        any(map(passes, reversed(lower)))
+    below = max((speed for speed, one in commands.items() if one.clean), default=settings.top)
+    above = min((speed for speed in commands if speed > below), default=below)
+    all(map(passes, (speed for speed in settings.speeds() if below < speed < above)))
+    return tuple(one for _, one in sorted(commands.items()))
 
 
 def evaluate_elsewhere(
-    policy: Path, place: str, settings: ProtocolSettings, processes: WorkerProcesses
+    policy: Path, place: str, near: float, settings: ProtocolSettings, processes: WorkerProcesses
 ) -> tuple[Command, ...]:
-    """The search of one policy on another edition of its robot, or in Drake."""
+    """The search of one policy on another edition of its robot, or in Drake, from near a speed [m/s]."""
     with tempfile.TemporaryDirectory() as folder:
         robot = NOMINAL
         if place == DRAKE:
@@ -218,7 +255,7 @@ def evaluate_elsewhere(
         else:
             robot, policy = place, moved_policy(policy, place, Path(folder))
         pool = TrialPool(policy, load_robot(robot), processes=processes)
-        return tuple(map(command_record, run_protocol(pool, self_paced=False, settings=settings).speeds))
+        return tuple(map(command_record, run_protocol_near(near, pool, settings).speeds))
 
 
 def command_record(speed: SpeedResult) -> Command:

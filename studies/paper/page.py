@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
-from studies.paper.evaluate import FIRST_STEP, GRID, TRIALS
+from studies.paper.evaluate import FIRST_STEP, GRID, LIKELY, SEEDS_ELSEWHERE, TRIALS
 from studies.paper.figure import speeds_figure
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD, REPORTED
 from studies.paper.plan import LITERAL_ACS, NO_SATURATION, OTHERS, study_trainings
@@ -17,6 +17,7 @@ from studies.paper.statistics import interquartile_mean
 from studies.paper.verdicts import (
     CLAIMS,
     COLUMNS,
+    LEAST_SEEDS,
     NOT_RUN,
     PRESET_NAMES,
     Claim,
@@ -90,15 +91,17 @@ Every dot is a seed, the bar is the interquartile mean, the cross is what the pa
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-_VERDICTS = """*Confirmed* or *refuted*: a seed of `acs` is the faster one with a probability above or below
-one half, with 95 % confidence. *Equal*: the difference is at most 0.2 m/s, with 95 % confidence. The verdict
-is by the speed held while running; *stopping* and *within the audit* are those by the speed from which a
-policy comes to rest, and by the speed that passes the [audit](evaluation.md#exploit-audit)."""
+_VERDICTS = f"""*Confirmed* or *refuted*: a seed of `acs` is the faster one with a probability above or below
+one half, with 95 % confidence. *Equal*: the difference is at most 0.2 m/s, with 95 % confidence. *Open*:
+neither, or fewer than {LEAST_SEEDS} seeds of one of both. The verdict is by the speed held while running;
+*stopping* and *within the audit* are those by the speed from which a policy comes to rest, and by the speed
+that passes the [audit](evaluation.md#exploit-audit). On the weak and the strong robot {SEEDS_ELSEWHERE} seeds
+of each method run."""
 _NOTE = f"""Speeds in m/s, raw command. *Running*: the most that is held where each of {TRIALS} trials stays
 upright. *Stopping*: the most that is held up to the first command from which one of them does not come to
 rest. *Within the audit*: the most that is held at a command at which its lines pass, but for the policy
-clock's, which wants trials of its own. Commands rise by {FIRST_STEP:g} m/s, and by {GRID:g} m/s near each of
-the three.
+clock's, which wants trials of its own. Commands rise from {LIKELY:g} m/s by {FIRST_STEP:g} m/s, and by
+{GRID:g} m/s near each of the three; they begin lower where a policy falls or fails the audit there.
 Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `acs`) and 100 m: at
 the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
 not speeds."""
@@ -114,7 +117,9 @@ _REPEAT = """```sh
 python -m studies.paper plan runs/study
 # work them down on all GPUs for an hour, three at a time on each; given again, it goes on
 python -m studies.paper train runs/study --minutes 60
-# run what is trained, print the verdicts, write this page
+# beside it: run what is trained and what will be within the hour
+python -m studies.paper evaluate runs/study --minutes 60 --places bp2 bp2-weak bp2-strong
+# run what is trained, in Drake as well; print the verdicts, write this page
 python -m studies.paper evaluate runs/study
 python -m studies.paper verdicts
 python -m studies.paper page
@@ -144,26 +149,31 @@ saturation, and adaptive command scheduling (ACS). Does it, on our surrogate rob
 
 def _answer(runs: Runs, claim: Claim) -> str:
     """Three sentences that stand alone."""
-    verdicts = {preset: judge(runs, claim, preset) for preset in claim.presets}
-    said = verdicts["sprintlab"].said
-    held = [
-        f"With {PRESET_NAMES[preset]} `acs` holds {each.ours.center:.1f} m/s and `{claim.other}` "
-        f"{each.theirs.center:.1f} m/s (interquartile means of {each.seeds[0]} and {each.seeds[1]} seeds)"
-        for preset, each in verdicts.items()
-        if each.said != NOT_RUN
-    ]
+    verdicts = {PRESET_NAMES[preset]: judge(runs, claim, preset) for preset in claim.presets}
+    said = ", ".join(f"{each.said} with {reward}" for reward, each in verdicts.items())
+    held = "; ".join(
+        f"with {reward} `acs` holds {each.ours.center:.1f} m/s and `{claim.other}` "
+        f"{each.theirs.center:.1f} m/s"
+        for reward, each in verdicts.items()
+        if min(each.seeds) >= LEAST_SEEDS
+    )
+    sentences = [f"**{claim.question}** {_capitalized(said)}."]
+    sentences += [f"{_capitalized(held)} (interquartile means)."] if held else []
+    return " ".join([*sentences, _paper_says(claim)])
+
+
+def _paper_says(claim: Claim) -> str:
     paper = PAPER_TABLE.get(claim.other)
     if paper is None:
-        reported = "The paper does not report it alone."
-    elif paper.max_velocity is None:
-        reported = "In the paper that method collapses."
-    else:
-        best = PAPER_TABLE[REFERENCE_METHOD].max_velocity
-        reported = f"The paper reports {best:g} and {paper.max_velocity:g} m/s."
-    numbers = (
-        [held[0] + ("" if len(held) < 2 else f"; {held[1][0].lower()}{held[1][1:]}") + "."] if held else []
-    )
-    return " ".join([f"**{claim.question}** {said.capitalize()}.", *numbers, reported])
+        return "The paper does not report it alone."
+    if paper.max_velocity is None:
+        return "In the paper that method collapses."
+    best = PAPER_TABLE[REFERENCE_METHOD].max_velocity
+    return f"The paper reports {best:g} and {paper.max_velocity:g} m/s."
+
+
+def _capitalized(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def method_table(runs: Runs, preset: str, methods: Sequence[str]) -> str:

@@ -45,6 +45,11 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         """Whether every trial is in ``count``."""
         return count == self.trials > 0
 
+    @property
+    def clean(self) -> bool:
+        """Whether every trial stays upright and the audit passes."""
+        return self.audit_failed == 0 and self.all_kept(self.upright)
+
 
 class Fastest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Means over the completed trials of the command at which most speed is held, on the nominal robot.
@@ -112,8 +117,7 @@ class Run(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     def audited(self) -> float:
         """Most speed held where every trial stays upright and the audit passes [m/s]; 0 without one."""
-        clean = [each for each in self.places[NOMINAL] if each.audit_failed == 0]
-        return max((_held(each) for each in clean if each.all_kept(each.upright)), default=0.0)
+        return max((_held(each) for each in self.places[NOMINAL] if each.clean), default=0.0)
 
 
 def _held(command: Command) -> float:

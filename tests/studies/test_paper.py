@@ -3,10 +3,11 @@
 import hashlib
 import math
 import shutil
+from dataclasses import replace
 
 import pytest
 from studies.paper.__main__ import main
-from studies.paper.evaluate import Evaluate, with_the_audits_top
+from studies.paper.evaluate import Evaluate, find_policies, wanted_places, with_the_audits_top
 from studies.paper.plan import Training, study_trainings
 from studies.paper.record import (
     RESULTS,
@@ -69,7 +70,9 @@ def test_the_grid_is_walked_above_the_fastest_command_that_passes_the_audit(monk
     tried = (command(1.0), command(3.0), command(5.0, failed=2))
     found = with_the_audits_top(tried, None, settings)
     assert [one.speed for one in found] == [1.0, 3.0, 3.5, 4.0, 5.0]
-    assert with_the_audits_top(tried[2:], None, settings) == tried[2:]
+    above = with_the_audits_top(tried[2:], None, replace(settings, first_step=1.0))
+    assert [one.speed for one in above] == [3.0, 3.5, 4.0, 5.0]
+    assert with_the_audits_top(tried[2:], None, replace(settings, start=5.0)) == tried[2:]
 
 
 def test_running_and_stopping_are_two_speeds():
@@ -177,23 +180,55 @@ def test_a_policy_runs_once_at_each_place(policy, tmp_path, monkeypatch):
     ((found,),) = read_runs(tmp_path / "results").values()
     assert (found.method, found.seed) == ("test", 3)  # of the contract
     assert [len(found.places[place]) for place in ("bp2", "bp2-weak")] == [1, 1]
-    monkeypatch.setattr("studies.paper.evaluate.run_protocol", lambda *_, **__: pytest.fail("run again"))
+    monkeypatch.setattr("studies.paper.evaluate.run_protocol_near", lambda *_, **__: pytest.fail("run again"))
     assert main([*words, "bp2", "bp2-weak"]) == 0
 
 
-def test_an_edition_is_searched_from_below_the_nominal_speed_and_from_the_start_where_it_falls(
-    policy, tmp_path, monkeypatch
-):
-    begun, record = [], run("acs", 3, [command(12.0)])
-    monkeypatch.setattr(Evaluate, "_record", lambda *_: record)
+def test_an_edition_is_searched_from_below_the_nominal_speed(policy, tmp_path, monkeypatch):
+    begun = []
+    write_run(tmp_path, run("test", 3, [command(12.0)]))
 
-    def search(policy, place, settings, processes):
-        begun.append(settings.start)
-        return (command(settings.start, upright=10 if settings.start < 8.0 else 0),)
+    def search(policy, place, near, settings, processes):
+        begun.append(near)
+        return (command(near),)
 
     monkeypatch.setattr("studies.paper.evaluate.evaluate_elsewhere", search)
     found = Evaluate(results=tmp_path)._evaluated(policy, "sprintlab", "bp2-weak", None)
-    assert begun == [8.0, 1.0] and found.running("bp2-weak") == 1.0
+    assert begun == [8.0] and found.running("bp2-weak") == 8.0
+
+
+def test_five_seeds_run_on_the_other_editions_and_the_best_half_in_drake():
+    group = seeds_of("acs", 12.0)  # the later seeds are the faster ones
+    assert wanted_places(group[0], group) == ["bp2-weak", "bp2-strong"]
+    for each in group[:5]:
+        each.places["bp2-weak"] = ()
+    assert wanted_places(group[4], group) == ["bp2-strong"]
+    assert wanted_places(group[5], group) == ["bp2-strong", "drake"]
+    others = seeds_of("rlvrl", 12.0)
+    assert wanted_places(others[9], others) == []
+
+
+def test_a_policy_that_a_training_finishes_meanwhile_is_evaluated(policy, tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.paper.evaluate.LOOK_AGAIN", 0.01)
+    place = tmp_path / "runs" / "sprintlab" / "acs" / "seed-4" / "policy.onnx"
+    begun, looks = [], iter(range(1000))
+
+    def missing(self):
+        if next(looks) == 2:
+            place.parent.mkdir(parents=True)
+            shutil.copy(policy, place)
+        return [(path, preset, "bp2") for path, preset in find_policies(tmp_path / "runs") if not begun]
+
+    def evaluated(self, *task):
+        begun.append(task[1])
+        return place
+
+    monkeypatch.setattr(Evaluate, "_missing", missing)
+    monkeypatch.setattr(Evaluate, "_evaluate", evaluated)
+    assert Evaluate(runs=tmp_path / "runs", results=tmp_path, minutes=0.005, workers=1).run() == 0
+    assert begun == [place]
+    with pytest.raises(SprintlabError, match="holds no runs"):
+        Evaluate(runs=tmp_path / "none").run()
 
 
 def test_the_committed_medians_are_the_policies_of_their_records_and_all_is_small():
