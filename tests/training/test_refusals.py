@@ -1,11 +1,15 @@
 """Bad input to ``sprintlab train``: one sentence, status 2, nothing trained."""
 
+from pathlib import Path
+from unittest.mock import Mock
+
 import pytest
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import SprintlabError
+from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.runs.run import pick_device
+from sprintlab.training.runs.run import open_run, pick_device
 
 
 @pytest.mark.parametrize(
@@ -33,3 +37,17 @@ def test_a_gpu_that_pytorch_cannot_use_is_no_reason_to_train_a_gpus_batch_on_the
     with pytest.raises(SprintlabError, match=r"PyTorch sees 0 GPUs .* --device cpu"):
         pick_device(TrainOptions())
     assert pick_device(TrainOptions(device="cpu")) == "cpu"
+
+
+@pytest.mark.parametrize(("device", "number"), [("cuda:1", 1), ("cuda", 0)])
+def test_a_training_makes_its_gpu_the_current_one_before_anything_is_captured_on_it(
+    device: str, number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    happened: list[object] = []
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 2)
+    monkeypatch.setattr("torch.cuda.set_device", happened.append)
+    monkeypatch.setattr(
+        "sprintlab.training.runs.run.Runner", lambda *given: happened.append(given[1]) or Mock()
+    )
+    open_run(TrainOptions(device=device, output=tmp_path), Workers())
+    assert happened == [number, device]

@@ -28,7 +28,7 @@ from sprintlab.training.runs.sweep import SweptRun, plan_sweep, train_all, train
 
 METHODS: Mapping[MotorModel, str] = dict(zip(MODELS, ("acs", "simplified-dc"), strict=True))
 """The method that trains under a motor model; both are the same but for it."""
-JUDGE = ProtocolSettings(trials=5, required=5, first_step=2.0, grid=0.5)
+JUDGE = ProtocolSettings(trials=3, required=3, first_step=2.0, grid=0.5)
 """How the highest speed of a policy is searched."""
 LIKELY = 5.0
 """Where that search begins [m/s], unless a policy falls there."""

@@ -113,4 +113,5 @@ class CudaKernel:
         """Step, on PyTorch's current stream, without waiting."""
         stream = ctypes.c_void_p(torch.cuda.current_stream(self._device).cuda_stream)
         grid = (self._blocks, 1, 1, THREADS, 1, 1)
-        self._call("cuLaunchKernel", self._function, *grid, 0, stream, self._arguments, None)
+        with torch.cuda.device(self._device):  # the kernel belongs to its GPU's context
+            self._call("cuLaunchKernel", self._function, *grid, 0, stream, self._arguments, None)
