@@ -111,7 +111,9 @@ _OTHER_METHODS = """| method | after | what differs from `acs` |
 | `literal-acs` | the paper | ACS as printed: no targets that the commands move toward |
 | `rlvrl` | Margolis et al. 2022 | targets from a box-adaptive grid, commanded at once for 10 s |
 | `lp-acrl` | 2601.17428 | bins drawn by learning progress |
-| `hound` | 2312.17507 | v_d = 0 motor, gait and foot rewards, uniform commands with a ramp of 1 s |"""
+| `hound` | 2312.17507 | v_d = 0 motor, gait and foot rewards, uniform commands with a ramp of 1 s |
+| `spot-battery` | 2504.17857 | a battery behind the bus in training |
+| `flux-weakening` | the paper's outlook | drives that weaken the flux in training, not when judged |"""
 _REPEAT = """```sh
 # the trainings that are missing, as commands
 python -m studies.paper plan runs/study
@@ -150,7 +152,9 @@ saturation, and adaptive command scheduling (ACS). Does it, on our surrogate rob
 def _answer(runs: Runs, claim: Claim) -> str:
     """Three sentences that stand alone."""
     verdicts = {PRESET_NAMES[preset]: judge(runs, claim, preset) for preset in claim.presets}
-    said = ", ".join(f"{each.said} with {reward}" for reward, each in verdicts.items())
+    found = {each.said: reward for reward, each in verdicts.items()}
+    both = len(found) < len(verdicts)
+    said = ", ".join(f"{each} with {'both rewards' if both else reward}" for each, reward in found.items())
     held = "; ".join(
         f"with {reward} `acs` holds {each.ours.center:.1f} m/s and `{claim.other}` "
         f"{each.theirs.center:.1f} m/s"

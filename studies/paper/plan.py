@@ -20,7 +20,7 @@ from studies.paper.verdicts import CLAIMS, OPEN, judge
 
 SEEDS, SEEDS_OF_OTHERS, MOST_SEEDS = 10, 5, 20
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
-OTHERS = ("rlvrl", "lp-acrl", "hound")
+OTHERS = ("rlvrl", "lp-acrl", "hound", "spot-battery", "flux-weakening")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""
 ITERATIONS, ENVIRONMENTS = 2400, 4096
 """Length and size of every training, the same however many share a GPU."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+import torch
 from tests.training.small import small_settings
 
 from sprintlab.engine import Engine
 from sprintlab.robots import load_robot
-from sprintlab.training.environment.sprint import engine_options
+from sprintlab.training.environment.sprint import SprintEnvironment, engine_options
 from sprintlab.training.methods import method_settings
 from sprintlab.training.reward_tables import hound_rewards
 from sprintlab.training.settings import EstimatorSettings
@@ -24,6 +25,8 @@ SWITCHES = {
     "rlvrl": {"schedule"},
     "lp-acrl": {"schedule"},
     "hound": {"actuator_model", "schedule", "reward", "reward_sum"},
+    "spot-battery": {"simulation"},
+    "flux-weakening": {"actuator_model"},
 }
 
 
@@ -44,6 +47,18 @@ def test_a_motor_that_does_not_saturate_gives_more() -> None:
         engine.step()
         torques.append(engine.torque.abs().mean(0))
     assert (torques[1] != torques[0]).any()
+
+
+def test_a_battery_sags_under_load_and_is_full_when_a_robot_starts_anew() -> None:
+    environment = SprintEnvironment(method_settings("spot-battery", SMALL), "cpu")
+    full = environment.engine.bus_voltage.clone()
+    for _ in range(10):
+        environment.step(torch.randn(16, 12))
+    charge = environment.engine.state_of_charge
+    assert (environment.engine.bus_voltage < full).any() and (charge < 1.0).all()
+    environment.episode_length_buf += 100_000
+    environment.step(torch.zeros(16, 12))
+    assert (charge > 0.9999).all()
 
 
 def test_hounds_weights_are_its_papers_over_six() -> None:

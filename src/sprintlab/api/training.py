@@ -116,7 +116,8 @@ def train(
         robot: name, folder or table of the robot (from Python also settings of a run); that of the settings,
             or bp2, when left out.
         method: acs (when left out), baseline, no-envelope, simplified-dc, fixed-acceleration,
-            uniform-commands, literal-acs, no-saturation; after other papers: rlvrl, lp-acrl, hound.
+            uniform-commands, literal-acs, no-saturation, flux-weakening; after other papers: rlvrl, lp-acrl,
+            hound, spot-battery.
         seed: seed of every random generator; that of the settings, or 0, when left out.
         minutes: training time over all sessions [min]; with neither this nor iterations, 60 on a CPU.
         iterations: stop at this iteration of the run, at most 30,000; with neither, 3600 on a GPU.

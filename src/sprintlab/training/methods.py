@@ -15,7 +15,7 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.core.checks import check_choice
-from sprintlab.motors import MotorModel
+from sprintlab.motors import Battery, MotorModel
 from sprintlab.training.reward_tables import Rewards, hound_rewards, paper_rewards
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import ACS, TARGETS, Schedule, TrainingSettings
@@ -30,6 +30,7 @@ class Method:
     rewards: Rewards | None = None  # rewards in place of the preset's; None: the preset's
     reward_sum: str = "exponential"  # how rewards are added up
     saturation: bool = True  # whether the motors saturate in training
+    battery: Battery | None = None  # behind the bus in training; None: the bus is stiff
 
 
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
@@ -64,6 +65,10 @@ ALL_METHODS = METHODS | {
         rewards=hound_rewards(),
         reward_sum="clipped",
     ),
+    # Spot (2504.17857): a battery in the loop.
+    "spot-battery": Method(battery=Battery()),
+    # The paper's future work: drives that weaken the flux.
+    "flux-weakening": Method(actuator_model="flux-weakening"),
 }
 """Further ones and those of other papers, on the same robot, recipe and budget."""
 DEFAULT_METHOD = "acs"
@@ -113,7 +118,11 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         schedule=as_printed(method.schedule) if printed else method.schedule,
         reward=method.rewards or base.reward,
         reward_sum=method.reward_sum,
-        simulation=replace(base.simulation, saturation=base.simulation.saturation and method.saturation),
+        simulation=replace(
+            base.simulation,
+            saturation=base.simulation.saturation and method.saturation,
+            battery=method.battery or base.simulation.battery,
+        ),
     )
 
 

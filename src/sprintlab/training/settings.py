@@ -18,7 +18,7 @@ from sprintlab.commands import (
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
+from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, MotorModel, WindingHeat
 from sprintlab.training.environment.randomization import default_randomization
 from sprintlab.training.reward_tables import default_rewards
 from sprintlab.training.settings_text import to_plain
@@ -44,8 +44,6 @@ ACS = AdaptiveSchedule(
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 MOST_ENVIRONMENTS = 1 << 17
 """Robots side by side: sixteen times the default; a file may ask for all memory there is."""
-TRAINED_MODELS = ("refined", "simplified-dc", "square")
-"""Motor models that the engine knows."""
 PRECISIONS = ("tf32", "float16")
 REWARD_SUMS = ("exponential", "clipped")
 NORMALIZER_FLOOR = 1e-2
@@ -63,6 +61,7 @@ class SimulationSettings:
     environments: int = 8192  # robots that are simulated side by side
     heat: WindingHeat | None = None  # thermal model of the windings; None, as in the paper: they stay cold
     saturation: bool = True  # whether the motors saturate; off, torque stays proportional to current
+    battery: Battery | None = None  # full at an episode's start; None, as in the paper: the bus is stiff
 
     def __post_init__(self) -> None:
         if isinstance(self.heat, HousedHeat):
@@ -250,7 +249,7 @@ class TrainingSettings:
     seed: int = 0  # seed of every random generator
 
     def __post_init__(self) -> None:
-        check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)
+        check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
         check_choice("reward_sum", self.reward_sum, REWARD_SUMS)
         check_range("seed", self.seed, 0, 2**32 - 1)
         tied = [name for name, term in self.reward.items() if term.tied]

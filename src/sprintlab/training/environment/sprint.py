@@ -88,7 +88,8 @@ _PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95}
 
 
 ENGINE_STATE = (
-    "bristle", "winding_temperature", "recent_force", "loaded", "since_touchdown", "carried",
+    "bristle", "winding_temperature", "state_of_charge", "recent_force", "loaded", "since_touchdown",
+    "carried",
 )  # fmt: skip
 """What the engine keeps of a robot beside position and velocity: a copy takes it over."""
 _LONG_AGO = 1.0
@@ -105,6 +106,7 @@ def engine_options(settings: TrainingSettings) -> EngineOptions:
         motor_model=settings.actuator_model,
         saturation=simulation.saturation,
         heat=simulation.heat,
+        battery=simulation.battery,
     )
 
 
@@ -472,12 +474,12 @@ class SprintEnvironment:
         return starts.restarted
 
     def _at_start(self, name: str, buffer: torch.Tensor) -> torch.Tensor:
-        """What the engine keeps of a robot that stands in the air: no contact for long, windings as drawn."""
+        """What the engine keeps of a robot in the air: no contact, windings as drawn, a full battery."""
         if name == "winding_temperature":
             lowest, highest = WINDING_TEMPERATURE
             drawn = lowest + (highest - lowest) * self.draws["temperature"]
             return buffer if self.settings.simulation.heat is None else drawn
-        return torch.full_like(buffer, _LONG_AGO if name == "since_touchdown" else 0.0)
+        return torch.full_like(buffer, {"since_touchdown": _LONG_AGO, "state_of_charge": 1.0}.get(name, 0.0))
 
     def _place(self, mask: torch.Tensor, donors: torch.Tensor, copied: torch.Tensor) -> None:
         """Write position, velocity, joint targets and what follows from them for the robots in ``mask``."""
