@@ -20,7 +20,7 @@ import tyro
 from sprintlab.api.results import Progress
 from sprintlab.cli.output import progress_bar
 from sprintlab.control import load_policy
-from sprintlab.core.checks import check_choice
+from sprintlab.core.checks import check_choice, check_positive
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import file_sha256
@@ -105,7 +105,9 @@ class Evaluate:
         """
         for place in self.places:
             check_choice("places", place, PLACES)
-        if self.minutes is None and not find_policies(self.runs):
+        if self.minutes is not None:
+            check_positive("minutes", self.minutes, "min")
+        elif not find_policies(self.runs):
             expected = f"{self.runs}/<preset>/<method>/seed-<k>/"
             raise SprintlabError(f"{self.runs} holds no runs; they are expected as {expected}")
         workers = self.workers or os.cpu_count() or 1
