@@ -40,7 +40,7 @@ def test_a_gpu_that_pytorch_cannot_use_is_no_reason_to_train_a_gpus_batch_on_the
 
 
 @pytest.mark.parametrize(("device", "number"), [("cuda:1", 1), ("cuda", 0)])
-def test_a_training_makes_its_gpu_the_current_one_before_anything_is_captured_on_it(
+def test_a_training_makes_its_gpu_the_current_one_before_anything_runs_on_it(
     device: str, number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     happened: list[object] = []

@@ -77,7 +77,7 @@ def open_run(options: TrainOptions, workers: Workers) -> Runner:
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
     if device.startswith("cuda"):
-        torch.cuda.set_device(torch.device(device).index or 0)  # graphs are captured on the current GPU
+        torch.cuda.set_device(torch.device(device).index or 0)  # events are noted on the current GPU
     untrainable = "has settings with which nothing can be trained"
     with refused_as_damaged(checkpoint, untrainable) if saved else nullcontext():
         runner = Runner(
