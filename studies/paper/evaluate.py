@@ -125,11 +125,12 @@ class Evaluate:
     def _work_down(self, together: int, begin: Callable[..., Future[Path]], report: Progress) -> None:
         """Evaluate until nothing is missing, or until the minutes are over."""
         until = time.monotonic() + 60.0 * (self.minutes or math.inf)
-        running, done = dict[Future[Path], Path](), 0
+        running, done, todo = dict[Future[Path], Path](), 0, list[tuple[Path, str, str]]()
         while time.monotonic() < until:
-            todo = [each for each in self._missing() if each[0] not in running.values()]
-            for task in todo[: together - len(running)]:
-                running[begin(*task)] = task[0]
+            if (free := together - len(running)) > 0:
+                todo = [each for each in self._missing() if each[0] not in running.values()]
+                running |= {begin(*task): task[0] for task in todo[:free]}
+                todo = todo[free:]
             if not running and self.minutes is None:
                 return
             for finished in wait(running, LOOK_AGAIN, FIRST_COMPLETED).done:
@@ -143,7 +144,7 @@ class Evaluate:
         """Every policy that has to run, its preset, and the first place where it has to; place by place."""
         runs, found = read_runs(self.results), list[tuple[Path, str, str]]()
         for policy, preset in find_policies(self.runs):
-            method, seed, digest = identity(policy, policy.stat().st_mtime_ns)
+            method, seed, digest = identity(policy)
             group = runs.get((preset, method), ())
             same = [run for run in group if (run.seed, run.policy_sha256) == (seed, digest)]
             wanted = wanted_places(same[0], group) if same else [NOMINAL]
@@ -165,7 +166,7 @@ class Evaluate:
         )
         if place == NOMINAL:
             return evaluate_policy(policy, preset, settings, processes)
-        record = read_run(record_path(self.results, preset, *identity(policy, policy.stat().st_mtime_ns)[:2]))
+        record = read_run(record_path(self.results, preset, *identity(policy)[:2]))
         near = float(round(record.running() - START_BELOW))
         commands = evaluate_elsewhere(policy, place, near, settings, processes)
         return msgspec.structs.replace(record, places={**record.places, place: commands})
@@ -181,9 +182,13 @@ def find_policies(runs: Path) -> list[tuple[Path, str]]:
     ]
 
 
+def identity(policy: Path) -> tuple[str, int, str]:
+    """Method, seed and SHA-256 of a policy file, which is read again only when it has changed."""
+    return _identity(policy, policy.stat().st_mtime_ns)
+
+
 @cache
-def identity(policy: Path, changed: int) -> tuple[str, int, str]:
-    """Method, seed and SHA-256 of a policy file that was last ``changed`` at a time."""
+def _identity(policy: Path, _: int) -> tuple[str, int, str]:
     training = load_policy(policy).contract.training
     return training.method, training.seed, file_sha256(policy)
 
@@ -237,8 +242,7 @@ def with_the_audits_top(
         return commands[speed].clean
 
     if not any(one.clean for one in tried):
-        stride = round((settings.first_step or settings.grid) / settings.grid)
-        lower = [speed for speed in settings.speeds()[::stride] if speed < min(commands)]
+        lower = [speed for speed in settings.speeds()[:: settings.stride] if speed < min(commands)]
         any(map(passes, reversed(lower)))
     below = max((speed for speed, one in commands.items() if one.clean), default=settings.top)
     above = min((speed for speed in commands if speed > below), default=below)

@@ -62,6 +62,11 @@ class ProtocolSettings:
         count = int((self.top - self.start) / self.grid + 1e-9) + 1
         return tuple(self.start + self.grid * index for index in range(count))
 
+    @property
+    def stride(self) -> int:
+        """Grid steps from one speed of the first pass to the next."""
+        return round((self.first_step or self.grid) / self.grid)
+
     def trial_settings(self) -> tuple[TrialSettings, ...]:
         """Settings of the seeded trials: the same at every speed, for every policy."""
         return tuple(self._draw(self.seed + index) for index in range(self.trials))
@@ -91,8 +96,7 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], SpeedResult
         What ``run``, which tries one speed [m/s], gave, by rising speed.
     """
     speeds = settings.speeds()
-    stride = 1 if settings.first_step is None else round(settings.first_step / settings.grid)
-    first = _climb(range(0, len(speeds), stride), speeds, run)
+    first = _climb(range(0, len(speeds), settings.stride), speeds, run)
     reached = max((index for index, tried in first.items() if tried.ran), default=None)
     if reached is None:
         return tuple(first.values())
