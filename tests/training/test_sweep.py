@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,21 @@ def test_every_run_is_trained_once_and_no_more_at_a_time_than_devices(tmp_path: 
     assert max(states.count("running") for states in seen) == 2 and set(seen[-1]) == {"finished"}
     train_all([*runs, *plans(tmp_path, seeds=(5,))], ["cpu"], 0, lambda states: None, pause=0.01)
     assert [starts(run) for run in plans(tmp_path, seeds=range(6))] == [1] * 6
+
+
+def test_on_a_gpu_two_runs_prepare_at_a_time(tmp_path: Path, monkeypatch) -> None:
+    workers(monkeypatch, "import time; time.sleep(60)")
+    runs, seen = plans(tmp_path, seeds=range(4)), []
+
+    def prepared(states: Mapping[str, str]) -> None:
+        seen.append(list(states.values()).count("running"))
+        (runs[len(seen) - 1].folder / "run.toml").write_text(f"# hash: {runs[0].digest}\n")
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_all(runs, ["cuda:0"] * 4, 0, prepared, pause=0.01)
+    assert seen == [2, 3]
 
 
 def test_a_lost_run_is_started_again_until_it_has_failed_too_often(tmp_path: Path, monkeypatch) -> None:

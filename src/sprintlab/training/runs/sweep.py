@@ -13,7 +13,7 @@ import shlex
 import subprocess
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,11 @@ _VALUE = re.compile(r"(?:\[.*?\]|\{.*?\}|[^,])+")
 """A value of a variation, up to a comma outside of brackets."""
 OUTPUT = "output.txt"
 """What a run of a sweep prints, in its folder."""
+RECORD = "run.toml"
+"""What a run was asked, written when its kernels are ready."""
+STARTING = 2
+"""Runs that start up on one GPU at a time: twenty that all compile the same kernels at once need five
+minutes, while later ones find them in the cache and those that train already keep the GPU busy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +56,7 @@ class SweptRun:
 
     def check(self) -> None:
         """Refuse a folder in which other settings are being trained. Raises ``SprintlabError``."""
-        path = self.folder / "run.toml"
+        path = self.folder / RECORD
         if path.is_file() and self.digest not in path.read_text(encoding="utf-8"):
             raise SprintlabError(f"{self.folder} holds a run with other settings: choose another folder")
 
@@ -144,8 +149,11 @@ def train_all(
     starts = Counter[str]()
     try:
         while waiting or active:
-            while waiting and free:
-                run, device = waiting.popleft(), free.pop(0)
+            for device in list(free):
+                if not waiting or not _has_room(device, active.values()):
+                    continue
+                run = waiting.popleft()
+                free.remove(device)
                 active[_started(run, device)] = run, device
                 states[run.name], starts[run.name] = "running", starts[run.name] + 1
             for process in [process for process in active if process.poll() is not None]:
@@ -155,7 +163,7 @@ def train_all(
                 states[run.name] = "finished" if run.finished else "waiting" if again else "failed"
                 waiting.extend([run] if again else [])
             watch(states)
-            time.sleep(pause if active else 0.0)
+            time.sleep(pause if active or waiting else 0.0)
     finally:
         for process in active:
             process.terminate()
@@ -164,6 +172,12 @@ def train_all(
     failed = [f"{run.name}: {_last_line(run)}" for run in runs if states[run.name] == "failed"]
     if failed:
         raise SprintlabError(f"{len(failed)} of {len(runs)} runs failed: {'; '.join(failed)}")
+
+
+def _has_room(device: str, active: Iterable[tuple[SweptRun, str]]) -> bool:
+    """Whether another run may start up on a device."""
+    starting = sum(each == device and not (run.folder / RECORD).is_file() for run, each in active)
+    return starting < STARTING or not device.startswith("cuda")
 
 
 def _started(run: SweptRun, device: str) -> subprocess.Popen[bytes]:
