@@ -12,7 +12,7 @@ from studies.paper.evaluate import FIRST_STEP, GRID, LIKELY, SEEDS_ELSEWHERE, TR
 from studies.paper.figure import speeds_figure
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD, REPORTED
 from studies.paper.plan import LITERAL_ACS, NO_SATURATION, OTHERS, study_trainings
-from studies.paper.record import PLACES, RESULTS, Run, Runs, median_run, read_runs
+from studies.paper.record import PLACES, PRESETS, RESULTS, Run, Runs, median_run, read_runs
 from studies.paper.statistics import interquartile_mean
 from studies.paper.verdicts import (
     CLAIMS,
@@ -73,14 +73,13 @@ Every dot is a seed, the bar is the interquartile mean, the cross is what the pa
         "## The answers",
         *[_answer(runs, claim) for claim in CLAIMS],
         "## The paper's Table II and ours",
-        method_table(runs, "sprintlab", tuple(PAPER_TABLE)),
+        _compared_table(runs),
         _NOTE,
         "## The paper's Table III and ours",
         reported_table(runs),
         "## Details",
-        _folded(
-            "The six methods with the paper's reward table", method_table(runs, "paper", tuple(PAPER_TABLE))
-        ),
+        _folded("The six methods with our reward", method_table(runs, "sprintlab", tuple(PAPER_TABLE))),
+        _folded("The six methods with the paper's reward", method_table(runs, "paper", tuple(PAPER_TABLE))),
         _folded("Other methods, with our reward", method_table(runs, "sprintlab", (NO_SATURATION, *OTHERS))),
         _folded("ACS as printed, with the paper's reward", method_table(runs, "paper", (LITERAL_ACS,))),
         _folded("What the other methods change", _OTHER_METHODS),
@@ -97,14 +96,14 @@ neither, or fewer than {LEAST_SEEDS} seeds of one of both. The verdict is by the
 *stopping* and *within the audit* are those by the speed from which a policy comes to rest, and by the speed
 that passes the [audit](evaluation.md#exploit-audit). On the weak and the strong robot {SEEDS_ELSEWHERE} seeds
 of each method run."""
-_NOTE = f"""Speeds in m/s, raw command. *Running*: the most that is held where each of {TRIALS} trials stays
-upright. *Stopping*: the most that is held up to the first command from which one of them does not come to
-rest. *Within the audit*: the most that is held at a command at which its lines pass, but for the policy
-clock's, which wants trials of its own. Commands rise from {LIKELY:g} m/s by {FIRST_STEP:g} m/s, and by
-{GRID:g} m/s near each of the three; they begin lower where a policy falls or fails the audit there.
-Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `acs`) and 100 m: at
-the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
-not speeds."""
+_NOTE = f"""Speeds in m/s, raw command. *Running*, which this table compares: the most that is held where
+each of {TRIALS} trials stays upright. *Stopping*: the most that is held up to the first command from which
+one of them does not come to rest. *Within the audit*: the most that is held at a command at which its lines
+pass, but for the policy clock's, which wants trials of its own. Commands rise from {LIKELY:g} m/s by
+{FIRST_STEP:g} m/s, and by {GRID:g} m/s near each of the three; they begin lower where a policy falls or
+fails the audit there. Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J_norm is the
+angular cost over that of `acs`; it and the time over 100 m are those at the fastest command that the policy
+completes. The robot is a surrogate: compare orders and ratios, not speeds."""
 _OTHER_METHODS = """| method | after | what differs from `acs` |
 | --- | --- | --- |
 | `no-saturation` | | motors that do not saturate in training |
@@ -180,25 +179,36 @@ def _capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def _compared_table(runs: Runs) -> str:
+    """The paper's Table II, and what we measure of it with both reward tables."""
+    names = [PRESET_NAMES[preset] for preset in reversed(PRESETS)]
+    head = ("method", "paper [m/s]", *(f"{name} [m/s]" for name in names), "paper: J_norm", *names)
+    rows = []
+    for method, paper in PAPER_TABLE.items():
+        speeds, costs = list[str](), list[str]()
+        for preset in reversed(PRESETS):
+            group, reference = (runs.get((preset, each), ()) for each in (method, REFERENCE_METHOD))
+            speeds.append(interquartile_mean([run.running() for run in group]).text(1) if group else NOT_RUN)
+            costs.append(_reported(_costs(group) / _costs(reference), 2))
+        reported = (_reported(paper.max_velocity, 1), _reported(paper.normalized_cost, 2))
+        rows.append((f"`{method}`", reported[0], *speeds, reported[1], *costs))
+    return markdown_table(head, rows)
+
+
 def method_table(runs: Runs, preset: str, methods: Sequence[str]) -> str:
-    """The paper's Table II with our columns; a method without runs is said to be not yet run."""
-    head = (
-        "method", "paper", "running", "stopping", "within the audit", "paper: J_norm", "J_norm", "100 m [s]",
-        "seeds",
-    )  # fmt: skip
+    """All that we measure of some methods; a method without runs is said to be not yet run."""
+    head = ("method", "running", "stopping", "within the audit", "J_norm", "100 m [s]", "seeds")
     reference = _costs(runs.get((preset, REFERENCE_METHOD), ()))
     rows = []
     for method in methods:
-        group, paper = runs.get((preset, method), ()), PAPER_TABLE.get(method)
+        group = runs.get((preset, method), ())
         times = [run.fastest.sprint_time for run in group if run.fastest and run.fastest.sprint_time]
         rows.append(
             (
                 f"`{method}`",
-                _reported(paper.max_velocity if paper else math.nan, 1),
                 interquartile_mean([run.running() for run in group]).text(1) if group else NOT_RUN,
                 interquartile_mean([run.stopping() for run in group]).text(1),
                 interquartile_mean([run.audited() for run in group]).text(1),
-                _reported(paper.normalized_cost if paper else math.nan, 2),
                 _reported(_costs(group) / reference if reference else math.nan, 2),
                 _reported(interquartile_mean(times).center, 1),
                 str(len(group)),
