@@ -182,7 +182,8 @@ def _capitalized(text: str) -> str:
 def _compared_table(runs: Runs) -> str:
     """The paper's Table II, and what we measure of it with both reward tables."""
     names = [PRESET_NAMES[preset] for preset in reversed(PRESETS)]
-    head = ("method", "paper [m/s]", *(f"{name} [m/s]" for name in names), "paper: J_norm", *names)
+    speeds_of, costs_of = (f"{name} [m/s]" for name in names), (f"J_norm, {name}" for name in names)
+    head = ("method", "paper [m/s]", *speeds_of, "J_norm, paper", *costs_of)
     rows = []
     for method, paper in PAPER_TABLE.items():
         speeds, costs = list[str](), list[str]()
