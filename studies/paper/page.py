@@ -189,7 +189,7 @@ def _compared_table(runs: Runs) -> str:
         speeds, costs = list[str](), list[str]()
         for preset in reversed(PRESETS):
             group, reference = (runs.get((preset, each), ()) for each in (method, REFERENCE_METHOD))
-            speeds.append(interquartile_mean([run.running() for run in group]).text(1) if group else NOT_RUN)
+            speeds.append(_running(group))
             costs.append(_reported(_costs(group) / _costs(reference), 2))
         reported = (_reported(paper.max_velocity, 1), _reported(paper.normalized_cost, 2))
         rows.append((f"`{method}`", reported[0], *speeds, reported[1], *costs))
@@ -207,10 +207,10 @@ def method_table(runs: Runs, preset: str, methods: Sequence[str]) -> str:
         rows.append(
             (
                 f"`{method}`",
-                interquartile_mean([run.running() for run in group]).text(1) if group else NOT_RUN,
+                _running(group),
                 interquartile_mean([run.stopping() for run in group]).text(1),
                 interquartile_mean([run.audited() for run in group]).text(1),
-                _reported(_costs(group) / reference if reference else math.nan, 2),
+                _reported(_costs(group) / reference, 2),
                 _reported(interquartile_mean(times).center, 1),
                 str(len(group)),
             )
@@ -224,8 +224,7 @@ def reported_table(runs: Runs) -> str:
         (name, *("-" if speed is None else f"{speed:g}" for speed in speeds), "reported")
         for name, *speeds in REPORTED
     ]
-    ours = [run.running() for run in runs.get(("sprintlab", REFERENCE_METHOD), ())]
-    held = interquartile_mean(ours).text(1) if ours else NOT_RUN
+    held = _running(runs.get(("sprintlab", REFERENCE_METHOD), ()))
     rows.append(("surrogate of BP2, `acs`", held, "-", "ours, simulated only"))
     return markdown_table(("robot", "simulation [m/s]", "outdoors [m/s]", ""), rows)
 
@@ -270,6 +269,11 @@ def _details(run: Run) -> tuple[str, ...]:
     numbers = (run.fastest.angular_cost, run.fastest.stride_frequency, run.fastest.sprint_time)
     cells = (_reported(math.nan if value is None else value, 1) for value in numbers)
     return (*cells, ", ".join(run.fastest.audit_failed) or "passed")
+
+
+def _running(group: Sequence[Run]) -> str:
+    """Interquartile mean and interval of the running speeds."""
+    return interquartile_mean([run.running() for run in group]).text(1) if group else NOT_RUN
 
 
 def _costs(group: Sequence[Run]) -> float:

@@ -12,6 +12,8 @@ from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, Progress, read_checkpoint
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings, settings_for_cpu
 
+POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
+"""In the folder of a run: its exported policy, and its settings, written when its kernels are ready."""
 GPU_ITERATIONS, CPU_MINUTES = 3600, 60.0
 """Length of a run that says neither minutes nor iterations."""
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")

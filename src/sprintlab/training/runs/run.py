@@ -20,12 +20,11 @@ from sprintlab.core.reading import refused_as_damaged
 from sprintlab.core.signals import handled_by, terminations
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
-from sprintlab.training.runs.options import TrainOptions, check_places
+from sprintlab.training.runs.options import POLICY_NAME, RUN_FILE, TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing
 from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings_text import settings_toml
 
-POLICY_NAME, RUN_FILE = "policy.onnx", "run.toml"
 _LONGEST_COMMAND = 2000
 
 

@@ -21,15 +21,13 @@ from typing import Any
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.interpreters import new_interpreter
 from sprintlab.training.methods import method
-from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.runs.options import POLICY_NAME, RUN_FILE, TrainOptions
 from sprintlab.training.settings_text import split_assignment, with_changes
 
 _VALUE = re.compile(r"(?:\[.*?\]|\{.*?\}|[^,])+")
 """A value of a variation, up to a comma outside of brackets."""
 OUTPUT = "output.txt"
 """What a run of a sweep prints, in its folder."""
-RECORD = "run.toml"
-"""What a run was asked, written when its kernels are ready."""
 STARTING = 2
 """Runs that start up on one GPU at a time: twenty that all compile the same kernels at once need five
 minutes, while later ones find them in the cache and those that train already keep the GPU busy."""
@@ -52,11 +50,11 @@ class SweptRun:
     @property
     def finished(self) -> bool:
         """Whether the run has been trained and exported."""
-        return (self.folder / "policy.onnx").is_file()
+        return (self.folder / POLICY_NAME).is_file()
 
     def check(self) -> None:
         """Refuse a folder in which other settings are being trained. Raises ``SprintlabError``."""
-        path = self.folder / RECORD
+        path = self.folder / RUN_FILE
         if path.is_file() and self.digest not in path.read_text(encoding="utf-8"):
             raise SprintlabError(f"{self.folder} holds a run with other settings: choose another folder")
 
@@ -163,7 +161,7 @@ def train_all(
                 states[run.name] = "finished" if run.finished else "waiting" if again else "failed"
                 waiting.extend([run] if again else [])
             watch(states)
-            time.sleep(pause if active or waiting else 0.0)
+            time.sleep(pause if active else 0.0)
     finally:
         for process in active:
             process.terminate()
@@ -176,7 +174,7 @@ def train_all(
 
 def _has_room(device: str, active: Iterable[tuple[SweptRun, str]]) -> bool:
     """Whether another run may start up on a device."""
-    starting = sum(each == device and not (run.folder / RECORD).is_file() for run, each in active)
+    starting = sum(each == device and not (run.folder / RUN_FILE).is_file() for run, each in active)
     return starting < STARTING or not device.startswith("cuda")
 
 
