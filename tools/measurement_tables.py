@@ -239,7 +239,7 @@ def trained_designs(found: Row) -> str:
         "trained with v_d = 0",
         "and believed",
         "power",
-        "winding",
+        "hottest winding",
     )
     rows = []
     for what, row in _chosen_and_best(

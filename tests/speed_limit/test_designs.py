@@ -83,3 +83,25 @@ def test_each_model_chooses_by_its_own_speeds_and_the_refined_one_judges():
     assert found.chosen == {"refined": {"gear.hip": 6.0}, "simplified-dc": {"gear.hip": 8.0}}
     assert found.cost("speed_m_s") == -0.5 and found.cost("power_W") == 200.0
     assert "costs 0.50 m/s, +200 W and +2.0 degC" in found.sentence()
+
+
+def test_where_both_choose_the_same_design_the_sentence_says_what_each_training_holds_there():
+    rows = [row(6.0, 14.9, 14.6), row(8.0, 14.5, 14.3)]
+    assert (
+        choose(rows)
+        .sentence()
+        .endswith("both motor models choose gear.hip=6, 14.90 m/s; v_d = 0 promises 14.60 m/s.")
+    )
+    trained = [
+        {
+            **each,
+            "trained": {
+                name: found | {"seeds": 1, "believed_m_s": found["speed_m_s"] + 0.2}
+                for name, found in each["limits"].items()
+            },
+        }
+        for each in rows
+    ]
+    said = choose(trained, trained=True).sentence()
+    assert "(one seed each) both motor models choose gear.hip=6: " in said
+    assert "v_d = 0 14.60 m/s of the 14.80 m/s" in said

@@ -201,10 +201,13 @@ class Choice:
         judge, other = (design_name(self.chosen[model]) for model in MODELS)
         top, believed = self.judged[MODELS[0]]["speed_m_s"], self.believed[MODELS[1]]
         loss = -self.cost("speed_m_s")
+        both = f"By {self.basis} both motor models choose {judge}"
         if judge == other and not loss:
+            return f"{both}, {top:.2f} m/s; v_d = 0 promises {believed:.2f} m/s."
+        if judge == other:
             return (
-                f"By {self.basis} both motor models choose {judge}, {top:.2f} m/s; "
-                f"v_d = 0 promises {believed - top:.2f} m/s more than that."
+                f"{both}: trained with the refined motor it holds {top:.2f} m/s, trained with v_d = 0 "
+                f"{top - loss:.2f} m/s of the {believed:.2f} m/s that its designer expects."
             )
         least = (
             ""
@@ -227,7 +230,9 @@ def choose(rows: Sequence[Mapping[str, Any]], trained: bool = False) -> Choice:
         trained: choose by the policies that were trained under each motor model.
     """
     if trained:
-        key, basis, believed = "trained", "trained policies", "believed_m_s"
+        seeds = min(row["trained"][model]["seeds"] for row in rows for model in MODELS)
+        counted = "one seed each" if seeds == 1 else f"{seeds} seeds each"
+        key, basis, believed = "trained", f"trained policies ({counted})", "believed_m_s"
     else:
         key, basis, believed = "limits", "computed strides", "speed_m_s"
     best = {model: max(rows, key=lambda row: row[key][model][believed]) for model in MODELS}

@@ -143,7 +143,7 @@ def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]], trained: bool 
     across, up, panel = (*varied, None, None, None)[:3]
     panels = sorted({row["design"][panel] for row in rows}) if panel else [None]
     figure, axes = themed_figure(LIGHT, (1.0 + 3.6 * len(panels), 6.4), 2, len(panels))
-    figure.suptitle(f"{what} of {as_written(robot)} by design [m/s]", fontweight="bold", color=_LIMIT)
+    figure.suptitle(f"{what} of {as_written(robot)} [m/s]", fontweight="bold", color=_LIMIT)
     speeds = [row[key][model]["speed_m_s"] for row in rows for model in MODELS]
     choice = choose(rows, trained)
     for place, axis in enumerate(axes):
@@ -155,7 +155,7 @@ def designs_figure(robot: str, rows: Sequence[Mapping[str, Any]], trained: bool 
         ]
         _draw_designs(axis, shown, (across, up), (min(speeds), max(speeds)))
         part = "" if panel is None else f", {panel} {value:g}"
-        set_title(axis, _MODEL_NAMES[model] + part, LIGHT)
+        set_title(axis, f"{'trained with ' if trained else ''}{_MODEL_NAMES[model]}{part}", LIGHT)
         here = [each for each in MODELS if panel is None or choice.chosen[each][panel] == value]
         for chooser in here:
             spot = [choice.chosen[chooser][name] if name else 0.0 for name in (across, up)]
