@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -143,11 +143,12 @@ class Evaluate:
     def _missing(self) -> list[tuple[Path, str, str]]:
         """Every policy that has to run, its preset, and the first place where it has to; place by place."""
         runs, found = read_runs(self.results), list[tuple[Path, str, str]]()
-        for policy, preset in find_policies(self.runs):
-            method, seed, digest = identity(policy)
+        policies = {policy: (preset, *identity(policy)) for policy, preset in find_policies(self.runs)}
+        digests = {digest for *_, digest in policies.values()}
+        for policy, (preset, method, seed, digest) in policies.items():
             group = runs.get((preset, method), ())
             same = [run for run in group if (run.seed, run.policy_sha256) == (seed, digest)]
-            wanted = wanted_places(same[0], group) if same else [NOMINAL]
+            wanted = wanted_places(same[0], group, digests) if same else [NOMINAL]
             found += [(policy, preset, place) for place in wanted if place in self.places][:1]
         return sorted(found, key=lambda each: PLACES.index(each[2]))
 
@@ -193,13 +194,18 @@ def _identity(policy: Path, _: int) -> tuple[str, int, str]:
     return training.method, training.seed, file_sha256(policy)
 
 
-def wanted_places(run: Run, group: Sequence[Run]) -> list[str]:
-    """Where a run of a group, which is that of its method and preset, has still to run."""
+def wanted_places(run: Run, group: Sequence[Run], digests: Collection[str]) -> list[str]:
+    """Where a run of a group, which is that of its method and preset, has still to run.
+
+    Args:
+        digests: SHA-256 of the policies at hand, of which the fastest run in Drake.
+    """
     if run.method not in COMPARED:
         return []
     editions = (place for place in PLACES if place not in (NOMINAL, DRAKE))
     wanted = [place for place in editions if sum(place in each.places for each in group) < SEEDS_ELSEWHERE]
-    wanted += [DRAKE] if run.seed in {each.seed for each in best_half(group)} else []
+    fastest = best_half(group, lambda each: DRAKE in each.places or each.policy_sha256 in digests)
+    wanted += [DRAKE] if run in fastest else []
     return [place for place in wanted if place not in run.places]
 
 
@@ -290,13 +296,17 @@ def _fastest(found: SpeedResult, pool: TrialPool, settings: ProtocolSettings) ->
 
 
 def keep_medians(policies: Sequence[tuple[Path, str]], results: Path) -> None:
-    """Copy the median policy of each of the six methods, trained with our reward, to its records."""
-    files = {file_sha256(policy): policy for policy, _ in policies}
+    """Keep the median policy of each of the six methods, trained with our reward, beside its records.
+
+    Where the policy of the median is not at hand, the one nearest to it is kept.
+    """
+    files = {file_sha256(policy): policy for policy, _ in (*policies, *find_policies(results))}
     runs = read_runs(results)
     for method in PAPER_TABLE:
-        median = median_run(runs.get(("sprintlab", method), ()))
-        if median is not None and median.policy_sha256 in files:
-            shutil.copy(files[median.policy_sha256], results / "sprintlab" / method / "median.onnx")
+        median = median_run(runs.get(("sprintlab", method), ()), lambda run: run.policy_sha256 in files)
+        kept = results / "sprintlab" / method / "median.onnx"
+        if median is not None and files[median.policy_sha256] != kept:
+            shutil.copy(files[median.policy_sha256], kept)
 
 
 def moved_policy(policy: Path, robot_name: str, folder: Path) -> Path:

@@ -95,7 +95,7 @@ one half, with 95 % confidence. *Equal*: the difference is at most 0.2 m/s, with
 neither, or fewer than {LEAST_SEEDS} seeds of one of both. The verdict is by the speed held while running;
 *stopping* and *within the audit* are those by the speed from which a policy comes to rest, and by the speed
 that passes the [audit](evaluation.md#exploit-audit). On the weak and the strong robot {SEEDS_ELSEWHERE} seeds
-of each method run."""
+of each method run; in Drake half of all seeds, the fastest whose policies are kept."""
 _NOTE = f"""Speeds in m/s, raw command. *Running*, which this table compares: the most that is held where
 each of {TRIALS} trials stays upright. *Stopping*: the most that is held up to the first command from which
 one of them does not come to rest. *Within the audit*: the most that is held at a command at which its lines
@@ -104,6 +104,8 @@ pass, but for the policy clock's, which wants trials of its own. Commands rise f
 fails the audit there. Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J_norm is the
 angular cost over that of `acs`; it and the time over 100 m are those at the fastest command that the policy
 completes. The robot is a surrogate: compare orders and ratios, not speeds."""
+_DESIGN = """[Choosing gears and winding](speed-limit.md#choosing-gears-and-winding) with a wrong motor model
+is a study of its own."""
 _OTHER_METHODS = """| method | after | what differs from `acs` |
 | --- | --- | --- |
 | `no-saturation` | | motors that do not saturate in training |
@@ -124,7 +126,7 @@ python -m studies.paper evaluate runs/study --minutes 60 --places bp2 bp2-weak b
 python -m studies.paper evaluate runs/study
 python -m studies.paper verdicts
 python -m studies.paper page
-# the median policies of a fresh clone once more, to compare with the records
+# the kept policies, nearest to the median of each method, once more, to compare with the records
 python -m studies.paper evaluate studies/paper/results --results again --places bp2
 ```
 
@@ -140,11 +142,13 @@ def _lead(runs: Runs) -> str:
 saturation, and adaptive command scheduling (ACS). Does it, on our surrogate robot?"""
     if not done:
         return f"{text} **Not yet run**: all {len(trainings)} trainings are missing."
+    more = len(trainings) - done
     counts = ", ".join(f"{found.count(said)} {said}" for said in dict.fromkeys(found))
     days = sorted(run.date[:10] for group in runs.values() for run in group)
     return (
-        f"{text} Of {len(found)} comparisons: {counts}.\n{done} of {len(trainings)} trainings are done, "
-        f"evaluated from {days[0]} to {days[-1]}."
+        f"{text} Of {len(found)} comparisons: {counts}.\n{done} trainings are evaluated, from {days[0]} to "
+        f"{days[-1]}; {more} more are planned, for open comparisons and other methods.\n"
+        f"{_DESIGN}"
     )
 
 

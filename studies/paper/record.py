@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -160,12 +160,19 @@ def read_runs(results: Path) -> Runs:
     return {key: sorted(group, key=lambda run: run.seed) for key, group in found.items()}
 
 
-def median_run(group: Sequence[Run]) -> Run | None:
-    """The run in the middle by running speed, the slower of two; ``None`` of no runs."""
+def _all(_: Run) -> bool:
+    return True
+
+
+def median_run(group: Sequence[Run], able: Callable[[Run], bool] = _all) -> Run | None:
+    """The run in the middle by running speed, the slower of two; if it is not able, the nearest that is."""
     ranked = sorted(group, key=lambda run: (run.running(), run.seed))
-    return ranked[(len(ranked) - 1) // 2] if ranked else None
+    middle = (len(ranked) - 1) // 2
+    places = sorted(range(len(ranked)), key=lambda place: (abs(place - middle), place))
+    return next((ranked[place] for place in places if able(ranked[place])), None)
 
 
-def best_half(group: Sequence[Run]) -> list[Run]:
-    """The faster half of the runs, rounded up."""
-    return sorted(group, key=lambda run: (-run.running(), run.seed))[: (len(group) + 1) // 2]
+def best_half(group: Sequence[Run], able: Callable[[Run], bool]) -> list[Run]:
+    """As many runs as half of the group, rounded up: the fastest of those that are able."""
+    ranked = sorted(filter(able, group), key=lambda run: (-run.running(), run.seed))
+    return ranked[: (len(group) + 1) // 2]
