@@ -16,9 +16,9 @@ from sprintlab.training.methods import ALL_METHODS
 from sprintlab.training.runs.sweep import SweptRun, plan_sweep, train_all, training_devices
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import PRESETS, RESULTS, Runs, read_runs, record_path
-from studies.paper.verdicts import CLAIMS, OPEN, judge
+from studies.paper.verdicts import CLAIMS, MOST_SEEDS, OPEN, SEEDS, judge
 
-SEEDS, SEEDS_OF_OTHERS, MOST_SEEDS = 10, 5, 20
+SEEDS_OF_OTHERS = 5
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
 OTHERS = ("rlvrl", "lp-acrl", "hound", "spot-battery", "flux-weakening")
 """Methods of other papers that differ from ``acs`` by a schedule or a switch."""

@@ -61,6 +61,17 @@ def test_a_search_near_a_speed_begins_at_the_lowest_after_all_where_it_falls_the
     assert lowest == begun and result.best.top_speed == 3.0
 
 
+def test_a_search_near_a_speed_begins_at_the_lowest_where_the_robot_does_not_come_to_rest_there(make_trial):
+    class Restless(FakePool):
+        def trials(self, requests, most_falls=None):
+            rests = requests[0].top_speed < 2.5
+            return [replace(one, completed=rests) for one in super().trials(requests, most_falls)]
+
+    pool = Restless(make_trial, lambda speed: 0)
+    result = run_protocol_near(3.0, pool, ProtocolSettings(grid=1.0, top=4.0))
+    assert (result.best.top_speed, result.running.top_speed) == (2.0, 4.0)
+
+
 def test_the_search_stops_at_the_first_speed_that_fails(make_trial):
     pool = FakePool(make_trial, lambda speed: 2 if speed == 1.75 else int(speed == 1.5))
     result = run_protocol(pool, self_paced=False)

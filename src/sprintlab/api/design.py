@@ -32,7 +32,7 @@ def design(
     *,
     vary: Sequence[str],
     current: float | None = None,
-    starts: int = 6,
+    starts: int = 16,
     max_stride: float | None = None,
     min_duty: float | None = None,
     workers: int | None = None,

@@ -158,11 +158,11 @@ def run_protocol(
 def run_protocol_near(near: float, pool: TrialPool, settings: ProtocolSettings) -> ProtocolResult:
     """The raw search of ``run_protocol``, begun at a speed that the policy likely holds [m/s].
 
-    It begins at the lowest speed after all where a trial falls at that one.
+    It begins at the lowest speed after all where a trial falls at that one, or does not come to rest.
     """
     begun = replace(settings, start=min(max(near, settings.start), settings.top))
     result = run_protocol(pool, self_paced=False, settings=begun)
-    if result.speeds[0].falls and settings.start < begun.start:
+    if (result.speeds[0].falls or not result.speeds[0].passed) and settings.start < begun.start:
         result = run_protocol(pool, self_paced=False, settings=settings)
     return result
 
