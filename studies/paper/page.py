@@ -214,17 +214,16 @@ def _answer(runs: Runs, claim: Claim) -> str:
     )
     sentences = [f"**{claim.question}** {_capitalized(said)}."]
     sentences += [f"{_capitalized(held)} (interquartile means)."] if held else []
-    collapsed = [_collapsed(runs, claim, preset) for preset in claim.presets]
+    groups = [runs.get((preset, claim.other), ()) for preset in claim.presets]
+    collapsed = [_collapsed(group, *each) for group, each in zip(groups, verdicts.items(), strict=True)]
     return " ".join([*sentences, *filter(None, collapsed), _paper_says(claim)])
 
 
-def _collapsed(runs: Runs, claim: Claim, preset: str) -> str:
+def _collapsed(group: Sequence[Run], reward: str, found: Verdict) -> str:
     """How many trainings of a method hold less than half of what ``acs`` does; nothing if none."""
-    group, half = runs.get((preset, claim.other), ()), 0.5 * judge(runs, claim, preset).ours.center
-    count = sum(run.running() < half for run in group)
+    count = sum(run.running() < 0.5 * found.ours.center for run in group)
     if not count:
         return ""
-    reward = PRESET_NAMES[preset]
     return f"With {reward} {count} of its {len(group)} trainings collapse, to less than half of the speed."
 
 
